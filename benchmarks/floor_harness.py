@@ -14,13 +14,13 @@ from typing import Any, cast
 from floor_workloads import COPIES, TOPIC, TYPE, Figures, Workload, cpu_ns, figures, write_buffer
 
 from r2bspec.execute.measurement.peak_search import PeakSearch, ProbeOutcome
-from r2bspec.execute.measurement.segment_observation import SegmentObservation
-from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.execute.processes.process import shorten_slice
 from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
+from r2bspec.execute.start.segment_observation import SegmentObservation
+from r2bspec.execute.start.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.ipc.schedule import CyclicSchedule

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from r2bspec.compare.merge_gate import ComparedSpec, GateSides, MergeGate
     from r2bspec.diagnostics import Diagnostic
     from r2bspec.execute.controller import RunOptions
-    from r2bspec.execute.progress import Progress
+    from r2bspec.execute.states import Progress
     from r2bspec.judge.result import Result
     from r2bspec.language.load_spec import LoadedSpec
     from r2bspec.language.spec import Spec
@@ -233,7 +233,7 @@ def run(
     """
     from r2bspec.execute.controller import RunOptions
     from r2bspec.execute.processes.machine import check_machine
-    from r2bspec.execute.progress import Progress
+    from r2bspec.execute.states import Progress
     from r2bspec.plan.time_estimate import estimate_time
     from r2bspec.record.run_folder import RunFolder
     from r2bspec.safe_io.private_files import private_files
@@ -349,7 +349,7 @@ def run_pairs(
     from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
     from r2bspec.compare.interleaved_runs import compare
     from r2bspec.execute.processes.environment import applied_environment, workspace_environments
-    from r2bspec.execute.progress import Progress
+    from r2bspec.execute.states import Progress
     from r2bspec.plan.time_estimate import estimate_pairs
 
     reference = parse_base_reference(against)

@@ -305,7 +305,7 @@ def _play(
     from r2bspec import api
     from r2bspec.cli import run_single
     from r2bspec.compare.base_environment import check_tools
-    from r2bspec.execute.progress import Progress
+    from r2bspec.execute.states import Progress
 
     def play(progress: Progress) -> Result:
         result = api.run_gated(gate, compared, sides, folder, progress, pairs=options.pairs)

@@ -26,8 +26,12 @@ def _require_same_graph(prepared: PreparedBenchmark, measured: Plan, what: str, 
     Raises:
         IncomparableError: the graphs differ.
     """
-    from r2bspec.compare.errors import IncomparableError
-    from r2bspec.plan.comparability import difference_lines, graph_differences, measured_hash
+    from r2bspec.plan.comparability import (
+        IncomparableError,
+        difference_lines,
+        graph_differences,
+        measured_hash,
+    )
 
     if measured_hash(prepared.plan) != measured_hash(measured):
         differences = difference_lines(graph_differences(measured, prepared.plan))

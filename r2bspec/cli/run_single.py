@@ -16,7 +16,7 @@ from r2bspec.report.output import echo, echo_json
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
     from r2bspec.cli.run import RunArguments
-    from r2bspec.execute.progress import Progress
+    from r2bspec.execute.states import Progress
     from r2bspec.judge.result import Result
     from r2bspec.plan.time_estimate import TimeEstimate
     from r2bspec.report.progress import RemainingTime

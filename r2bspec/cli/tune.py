@@ -88,7 +88,7 @@ def command(
     from r2bspec import api
     from r2bspec.report.output import echo_document
     from r2bspec.report.progress import shown_progress
-    from r2bspec.tune import tuning_report
+    from r2bspec.tune import tuning_result
     from r2bspec.tune.overlay import check_overlay_path
     from r2bspec.tune.run_search import require_extra, tune
     from r2bspec.tune.search import SearchLimits
@@ -123,12 +123,12 @@ def command(
     if output_format == "json":
         echo_document(to_json(result), nl=False)
     elif output_format == "markdown":
-        echo(tuning_report.to_markdown(result), nl=False)
+        echo(tuning_result.to_markdown(result), nl=False)
     else:
-        for line in tuning_report.summary(result):
+        for line in tuning_result.summary(result):
             echo(line)
         echo()
-        print_table(tuning_report.HEADER, tuning_report.trial_rows(result), (0, 2, 3))
+        print_table(tuning_result.HEADER, tuning_result.trial_rows(result), (0, 2, 3))
     echo(f"search: {folder}", err=True)
     if write is not None:
         done = "written" if result.is_proved else "not written: no values are proved"

@@ -38,8 +38,7 @@ from r2bspec.diagnostics.quote import clip
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.processes.bounded_command import run_bounded
 from r2bspec.execute.processes.environment import applied_environment, workspace_environment
-from r2bspec.execute.progress import Progress
-from r2bspec.execute.states import Interrupts
+from r2bspec.execute.states import Interrupts, Progress
 from r2bspec.language.spec import GateBase
 from r2bspec.safe_io import git
 from r2bspec.safe_io.limits import MAX_PATH_FILE_BYTES

@@ -27,7 +27,6 @@ from typing import Any, Final, Literal
 
 import msgspec
 
-from r2bspec.compare.errors import IncomparableError
 from r2bspec.compare.report_input import measure, open_folder, read_result
 from r2bspec.judge.measure.distribution import (
     MAIN_PERCENTILES,
@@ -44,7 +43,12 @@ from r2bspec.judge.methods.peak_bracket import with_refuted_peak
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import RunValues, welch_ratio_of_runs
 from r2bspec.language.benchmark_defaults import CONFIDENCE
-from r2bspec.plan.comparability import brief_difference, graph_differences, load_differences
+from r2bspec.plan.comparability import (
+    IncomparableError,
+    brief_difference,
+    graph_differences,
+    load_differences,
+)
 from r2bspec.plan.plan import GRAPH_ROLES, Plan
 from r2bspec.record.graph_identity import MACHINE_FACTS, GraphIdentity, identity_differences
 from r2bspec.record.run_folder import Run

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from r2bspec.compare.errors import IncomparableError
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.errors import RunError, UnwritableRunError, WorkspaceError
 from r2bspec.execute.processes.environment import inherited_environment
@@ -18,6 +17,7 @@ from r2bspec.judge.measure.metric import MetricInfo
 from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolve
 from r2bspec.judge.turn_comparison import can_be_played_by_turns
 from r2bspec.plan import comparability
+from r2bspec.plan.comparability import IncomparableError
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import Side
 from r2bspec.record.graph_identity import GraphIdentity

@@ -1,14 +1,17 @@
-"""Runs of a base and a head: in pairs, each in new processes and with its own folder.
+"""Pairs of a base and a head: the units of a comparison, each in new processes and own folders.
 
 Where the load permits it, both sides of a pair are up at once and are played by turns
-(`r2bspec.compare.side_process`); they share the loaded data. Otherwise one follows the other:
-
-A coin decides which side of a pair is first; its seed is in the record, and so is each order
+(`r2bspec.compare.side_process`); they share the loaded data. Otherwise one follows the other. A
+coin decides which side of a pair is first; its seed is in the record, and so is each order
 (`r2bspec.judge.statistics.t_interval` has the reason).
 
 Every such run is a complete one (`r2bspec.execute.controller`): it loads, starts, warms up, plays
 each rate once, and ends all that it started. Sharing the loaded data would save a second or two,
 and would give the second run of a pair warmer caches than the first.
+
+All pairs are in one list, which policies extend (`r2bspec.execute.experiment`). If the first pairs
+fail, those after them confirm it: by turns half as many, judged together with all before them;
+otherwise as many as were planned, judged alone.
 """
 
 from __future__ import annotations
@@ -18,9 +21,8 @@ import datetime
 import secrets
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 from r2bspec.compare.interleaved_comparison import (
     NOTHING_BY_TURNS,
@@ -33,26 +35,27 @@ from r2bspec.compare.side_process import BothSides, both_sides
 from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.controller import RunOptions, run_plan
 from r2bspec.execute.errors import InterruptedRunError, RunError
+from r2bspec.execute.experiment import Experiment, again, confirm, grow
 from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.processes.machine import check_machine
-from r2bspec.execute.progress import Progress
-from r2bspec.execute.states import Interrupts
+from r2bspec.execute.states import Interrupts, Progress
 from r2bspec.judge import pair_comparison
-from r2bspec.judge.confirmation import needs_confirmation
-from r2bspec.judge.decision_policy import DecisionPolicy, decide_after_look, decision_policy
+from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import PairOrder, pair_orders
-from r2bspec.judge.verdict import RequirementKey, Verdict
+from r2bspec.judge.verdict import RequirementKey, RequirementVerdict, Verdict
 from r2bspec.language.secrets import shown_value
 from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import single_run_plan
+from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import (
     ComparisonFolder,
+    PairedComparison,
     PairRecord,
     PairsRecord,
     Side,
@@ -69,6 +72,7 @@ _LEAST_FRESH_STARTS = 3
 """Of both sides, that confirm a failure."""
 
 _BUFFERS = ".buffers"
+_KILLED = "R2B671: the comparison was killed"
 
 
 def compare(comparison: ComparisonSpec, output: Path, progress: Progress | None = None) -> Result:
@@ -129,47 +133,55 @@ def run_pairs(
     folder.write_base_plan(comparison.base.plan)
     folder.write_spec(comparison.head.spec_text)
     with Interrupts() as interrupts:
-        runner = _PairRunner(comparison, folder, progress, interrupts)
-        with runner.by_turns():
-            runner.play_all()
-    return runner.measured
+        pairs = _Pairs(comparison, folder, progress, interrupts)
+        with pairs.by_turns():
+            pairs.play_all()
+    return pairs.measured
 
 
 def _is_interrupted(failures: Mapping[Side, Exception]) -> bool:
     return any(isinstance(error, InterruptedRunError) for error in failures.values())
 
 
-@dataclass
-class _PairRunner:
-    """The state of one comparison.
+class Pair(NamedTuple):
+    """A pair to be played; `why_again` is empty for the first time."""
+
+    number: int
+    order: PairOrder
+    why_again: str = ""
+
+
+class _Pairs(Experiment[Pair]):
+    """The pairs of one comparison.
 
     Attributes:
         measured: the samples of its runs, by their folders: each is read once.
     """
 
-    _comparison: ComparisonSpec
-    _folder: ComparisonFolder
-    _progress: Progress
-    _interrupts: Interrupts
-    measured: dict[str, RunSamples] = field(default_factory=dict)
-    _opened: dict[str, Run] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        comparison = self._comparison
+    def __init__(
+        self,
+        comparison: ComparisonSpec,
+        folder: ComparisonFolder,
+        progress: Progress,
+        interrupts: Interrupts,
+    ) -> None:
+        self._comparison, self._folder = comparison, folder
+        self._progress, self._interrupts = progress, interrupts
         self._began_s = time.monotonic()
         self._plans: dict[Side, Plan] = {
             "base": single_run_plan(comparison.base.plan),
             "head": single_run_plan(comparison.head.plan),
         }
+        self.measured: dict[str, RunSamples] = {}
+        self._opened: dict[str, Run] = {}
         self._pairs: list[PairRecord] = []
         self._notes: list[str] = []
         self._failed: set[RequirementKey] = set()
-        self._planned = comparison.pairs
+        self._confirmed_from = self._fresh = 0
         self._started_at = _now()
         self._run_id = secrets.token_hex(8)
         self._seed = secrets.randbits(32)
         self._both: BothSides | None = None
-        self._confirmed_from = 0
 
     @contextlib.contextmanager
     def by_turns(self) -> Iterator[None]:
@@ -197,15 +209,9 @@ class _PairRunner:
     def play_all(self) -> None:
         """Play pairs until they decide, and write the record in any case."""
         reason, exit_status = "", 0
-        self._write_record("R2B671: the comparison was killed")
+        self._write_record(_KILLED)
         try:
-            verdict = self._play_pairs(confirms=False)
-            if self._both is not None:
-                return
-            if self._comparison.head.plan.gate.confirm and needs_confirmation(verdict):
-                self._note("the comparison failed: new pairs are played to confirm it")
-                self._failed = verdict.failed_keys
-                self._play_pairs(confirms=True)
+            self.carry_out(grow, again, confirm)
         except R2bspecError as error:
             reason, exit_status = f"{error.code}: {error}", error.exit_code
             raise
@@ -215,159 +221,174 @@ class _PairRunner:
         finally:
             self._write_record(reason, exit_status)
 
-    def _play_pairs(self, *, confirms: bool) -> Verdict:
-        """Play the pairs of a session, and again the affected ones that the outcome depends on."""
-        disturbed: list[PairRecord] = []
-        orders = pair_orders(self._planned, self._seed, session=int(confirms))
-        for place, order in enumerate(orders, start=1):
-            pair = self._play(place, order, confirms=confirms)
-            if pair.unusable:
-                self._play_again(pair, pair.unusable)
-            elif pair.disturbed:
-                disturbed.append(pair)
-            if self._is_decided(place, confirms=confirms):
-                break
-            if not confirms and place < self._planned and self._over_budget(place):
-                break
-        self._write_record("")
-        if self._both is not None:
-            return self._confirm_by_turns(self._both, len({pair.number for pair in self._pairs}))
-        return self._play_affected_again(disturbed, confirms=confirms)
+    # What the policies ask for.
 
-    def _confirm_by_turns(self, both: BothSides, played: int) -> Verdict:
-        """Play half as many starts again after a failure, in the same list; the verdict on all."""
-        verdict, _ = self._judge(confirms=False)
-        if not self._comparison.head.plan.gate.confirm or not needs_confirmation(verdict):
-            return verdict
-        self._confirmed_from = played
-        self._planned = played + max(_LEAST_FRESH_STARTS, played // 2)
-        self._note(f"it fails after {played} starts: {self._planned - played} more confirm it")
-        orders = pair_orders(self._planned, self._seed)
-        for place in range(played + 1, self._planned + 1):
-            pair = self._play_both(both, place, orders[place - 1], again=False)
-            if pair.unusable:
-                self._play_again(pair, pair.unusable)
-        self._write_record("")
-        return self._judge(confirms=False)[0]
+    def planned(self) -> Sequence[Pair]:
+        """See `Experiment`."""
+        number = self._fresh or self._comparison.pairs
+        orders = pair_orders(number, self._seed, session=int(self._fresh > 0))
+        return [Pair(*each) for each in enumerate(orders, start=self._confirmed_from + 1)]
 
-    def _is_decided(self, played: int, *, confirms: bool) -> bool:
-        """Whether the pairs so far decide all that counts; those that come later are left out."""
-        if played == self._planned:
-            return False
-        pair_set, objectives, policy = self._session(confirms=confirms)
-        looks, usable = pair_set.looks, len(pair_set.played.head)
-        if looks is None or usable not in looks.iterations:
-            return False
-        verdict = pair_comparison.judge_pair_set(objectives, pair_set, policy)
-        counted = [
-            requirement
-            for requirement in verdict.requirements
-            if requirement.level == "error" and (not confirms or requirement.key in self._failed)
-        ]
-        if decide_after_look(looks, looks.completed_looks(usable), counted) == "go on":
-            return False
+    @property
+    def looks(self) -> InterimLooks | None:
+        """See `Experiment`."""
+        return self._session()[0].looks
+
+    def complete(self) -> int:
+        """See `Experiment`: the pairs that can be judged."""
+        return len(self._session()[0].played.head)
+
+    def _judge(self) -> Verdict:
+        pair_set, objectives, policy = self._session()
+        return pair_comparison.judge_pair_set(objectives, pair_set, policy)
+
+    def counted(self) -> list[RequirementVerdict]:
+        """See `Experiment`; pairs that are judged alone confirm what has failed."""
+        counted = super().counted()
+        if self._judges_fresh_alone:
+            return [requirement for requirement in counted if requirement.key in self._failed]
+        return counted
+
+    def on_decision(self) -> None:
+        """See `Experiment`."""
         noun = "pairs" if self._both is None else "starts of both sides"
-        self._note(f"decided after {played} of {self._planned} {noun}")
+        self._note(f"decided after {self._number} of {self._last_number} {noun}")
+
+    def has_time(self, *, was_judged: bool) -> bool:
+        """See `Experiment`; a confirmation that has begun is completed."""
+        del was_judged
+        return self._fresh > 0 or not self._is_over_budget(self._number)
+
+    def unusable(self) -> Pair | None:
+        """See `Experiment`."""
+        last = self._pairs[-1]
+        return Pair(last.number, last.order, last.unusable) if last.unusable else None
+
+    def affected(self) -> Pair | None:
+        """See `Experiment`; None on a machine that has disturbed repetitions, too."""
+        repeated = {pair.number: pair for pair in self._pairs if pair.again}
+        disturbed = [
+            pair
+            for pair in self._pairs
+            if pair.number > self._confirmed_from
+            and pair.disturbed
+            and not (pair.again or pair.unusable)
+        ]
+        waiting = [pair for pair in disturbed if pair.number not in repeated]
+        if not waiting or not self._reruns_can_decide() or self._is_over_budget(len(self._pairs)):
+            return None
+        repetitions = [repeated[pair.number] for pair in disturbed if pair.number in repeated]
+        futile = sum(bool(pair.disturbed or pair.unusable) for pair in repetitions)
+        if futile >= _MAX_AFFECTED_RERUNS:
+            self._note(
+                f"{futile} pairs were affected again: the machine is always busy, "
+                "and no more pairs are played again"
+            )
+            return None
+        return Pair(
+            waiting[0].number, waiting[0].order, f"host interference ({waiting[0].disturbed})"
+        )
+
+    def _reruns_can_decide(self) -> bool:
+        pair_set, objectives, policy = self._session()
+        return pair_comparison.reruns_can_decide(self.verdict, objectives, pair_set, policy)
+
+    def begin_confirmation(self) -> bool:
+        """See `Experiment`."""
+        if not self._comparison.head.plan.gate.confirm:
+            return False
+        self._failed = self.verdict.failed_keys
+        self._confirmed_from = self._number
+        if self._both is None:
+            self._fresh = self._comparison.pairs
+            self._note("the comparison failed: new pairs are played to confirm it")
+        else:
+            self._fresh = max(_LEAST_FRESH_STARTS, self._number // 2)
+            self._note(f"it fails after {self._number} starts: {self._fresh} more confirm it")
         return True
 
-    def _play_affected_again(self, disturbed: Sequence[PairRecord], *, confirms: bool) -> Verdict:
-        """Play affected pairs again while that can change the outcome; the verdict afterwards."""
-        verdict, may_change = self._judge(confirms=confirms)
-        affected_reruns = 0
-        for pair in disturbed:
-            if not may_change or self._over_budget(len(self._pairs)):
-                break
-            if affected_reruns == _MAX_AFFECTED_RERUNS:
-                self._note(
-                    f"{affected_reruns} pairs were affected again: the machine is always busy, "
-                    "and no more pairs are played again"
-                )
-                break
-            again = self._play_again(pair, f"host interference ({pair.disturbed})")
-            affected_reruns += bool(again.disturbed or again.unusable)
-            self._write_record("")
-            verdict, may_change = self._judge(confirms=confirms)
-        return verdict
+    @property
+    def _number(self) -> int:
+        """The number of the last pair."""
+        return max((pair.number for pair in self._pairs), default=0)
 
-    def _judge(self, *, confirms: bool) -> tuple[Verdict, bool]:
-        """The verdict on a session, and whether reruns of affected pairs can change its outcome."""
-        pair_set, objectives, policy = self._session(confirms=confirms)
-        verdict = pair_comparison.judge_pair_set(objectives, pair_set, policy)
-        return verdict, pair_comparison.reruns_can_decide(verdict, objectives, pair_set, policy)
+    @property
+    def _last_number(self) -> int:
+        """The number of the last pair that may be played."""
+        return self._confirmed_from + (self._fresh or self._comparison.pairs)
+
+    @property
+    def _judges_fresh_alone(self) -> bool:
+        return self._fresh > 0 and self._both is None
 
     def _session(
-        self, *, confirms: bool
+        self,
     ) -> tuple[pair_comparison.PairSet, Mapping[str, Objective], DecisionPolicy]:
-        """The pairs of a session so far, and by what they are judged."""
-        pairs = open_comparison(self._folder.path, self._opened)
-        objectives: Mapping[str, Objective] = pairs.plan.objectives
-        policy = decision_policy(pairs.plan)
-        if confirms:
+        """The pairs that are judged now, and by what they are judged."""
+        head, base = self._comparison.head.plan, self._comparison.base.plan
+        # As if it ended now: on disk it is incomplete while it is played.
+        pairs = PairedComparison(self._folder.path, self._record(), head, base, self._opened)
+        objectives: Mapping[str, Objective] = head.objectives
+        policy = decision_policy(head)
+        if self._judges_fresh_alone:
             objectives, policy = pair_comparison.confirmation_terms(objectives, policy)
-        return read_pair_set(pairs, self.measured, confirms=confirms), objectives, policy
+        pair_set = read_pair_set(pairs, self.measured, fresh=self._judges_fresh_alone)
+        return pair_set, objectives, policy
 
-    def _play_again(self, pair: PairRecord, why: str) -> PairRecord:
-        # The record has all of it; a side that fails again is an error that has it, too.
-        self._note(f"pair {pair.number} is played again: {without_output(why)}")
-        again = self._play(pair.number, pair.order, confirms=pair.confirms, again=True)
-        if again.unusable:
-            self._note(f"pair {pair.number} again cannot be judged: {again.unusable}")
-        return again
+    def _is_over_budget(self, played: int) -> bool:
+        """Whether one more pair would exceed the time budget of the spec."""
+        budget_ns = self._comparison.head.plan.gate.time_budget_ns
+        if not budget_ns:
+            return False
+        spent_s = time.monotonic() - self._began_s
+        if spent_s * (played + 1) / played <= budget_ns / 1e9:
+            return False
+        self._note(f"the time budget ended the comparison after {played} pairs")
+        return True
 
-    def _play(
-        self, number: int, order: PairOrder, *, confirms: bool, again: bool = False
-    ) -> PairRecord:
-        """Play one pair; it is in the record afterwards."""
-        if self._both is not None:
-            return self._play_both(self._both, number, order, again=again)
-        name = f"{'confirm-' if confirms else ''}{number:03d}{'-again' if again else ''}"
-        sides: tuple[Side, Side] = ("base", "head") if order == "AB" else ("head", "base")
+    # How a pair is played.
+
+    def play(self, unit: Pair) -> None:
+        """Play a pair; it is in the record afterwards."""
+        if unit.why_again:
+            # The record has all of it; a side that fails again is an error that has it, too.
+            self._note(f"pair {unit.number} is played again: {without_output(unit.why_again)}")
+        if self._both is None or not self._play_both(self._both, unit):
+            self._play_in_turn(unit)
+        if unit.why_again and (unusable := self._pairs[-1].unusable):
+            self._note(f"pair {unit.number} again cannot be judged: {unusable}")
+
+    def _play_in_turn(self, unit: Pair) -> None:
+        """Play one side, then the other one."""
+        sides: tuple[Side, Side] = ("base", "head") if unit.order == "AB" else ("head", "base")
+        confirms = ", confirmation" if self._fresh else ""
         unusable, disturbed = "", ""
         for side in sides:
-            title = f"pair {number} of {self._planned}{', confirmation' if confirms else ''}"
-            self._progress.note(f"{title}: {side}")
+            self._progress.note(f"pair {unit.number} of {self._last_number}{confirms}: {side}")
             try:
-                pair_run = self._run(side, name)
+                problem, interference = self._run(side, _folder_name(unit))
             except RunError as error:
                 # A failed run is repeated once, unless it was interrupted or cannot work here.
-                if error.exit_code != RunError.exit_code or again:
+                if error.exit_code != RunError.exit_code or unit.why_again:
                     if side == "base" and not isinstance(error, InterruptedRunError):
                         raise BaseFailsError.of(error) from error
                     raise
                 unusable = f"the {side} failed: {error}"
                 break
-            unusable = unusable or (pair_run[0] and f"{side}: {pair_run[0]}")
-            if pair_run[1]:
-                disturbed += f"{'; ' if disturbed else ''}{side}: {pair_run[1]}"
-        return self._add_pair(
-            name,
-            number=number,
-            order=order,
-            again=again,
-            confirms=confirms,
-            unusable=unusable,
-            disturbed=disturbed,
-        )
+            unusable = unusable or (problem and f"{side}: {problem}")
+            if interference:
+                disturbed += f"{'; ' if disturbed else ''}{side}: {interference}"
+        self._add_pair(unit, unusable, disturbed)
 
-    def _add_pair(self, name: str, **fields: Any) -> PairRecord:
-        """Return the pair whose runs are in the folders of this name; it is in the record."""
-        pair = PairRecord(base=f"base/{name}", head=f"head/{name}", **fields)
-        self._pairs.append(pair)
-        self._write_record("R2B671: the comparison was killed")
-        return pair
-
-    def _play_both(
-        self, both: BothSides, number: int, order: PairOrder, *, again: bool
-    ) -> PairRecord:
-        """Play one start of both sides by turns; it is in the record afterwards."""
-        name = f"{number:03d}{'-again' if again else ''}"
-        self._progress.note(f"start {number} of at most {self._planned}, of both sides")
+    def _play_both(self, both: BothSides, unit: Pair) -> bool:
+        """Play both sides by turns; False if the first such start shows that this cannot be."""
+        self._progress.note(f"start {unit.number} of at most {self._last_number}, of both sides")
         folders: dict[Side, Path] = {
-            side: self._folder.path / side / name for side in ("base", "head")
+            side: self._folder.path / side / _folder_name(unit) for side in ("base", "head")
         }
         failures = both.play(folders, self._interrupts.check)
         self._interrupts.check()
-        if failures and number == 1 and not again and not _is_interrupted(failures):
+        if failures and unit.number == 1 and not unit.why_again and not _is_interrupted(failures):
             # Two at once can need what one has alone: memory, a device, a port.
             self._both = None
             side, error = next(iter(failures.items()))
@@ -377,21 +398,22 @@ class _PairRunner:
             )
             for folder in folders.values():
                 remove_folder(folder)
-            return self._play(number, order, confirms=False)
+            return False
         unusable = ""
         for side, error in failures.items():
             certain = getattr(error, "exit_code", None) != RunError.exit_code
             if isinstance(error, InterruptedRunError) or not isinstance(error, RunError):
                 raise error
-            if certain or again:
+            if certain or unit.why_again:
                 raise BaseFailsError.of(error) if side == "base" else error
             unusable = f"the {side} failed: {error}"
         for side in ("base", "head") if not unusable else ():
-            why = self._read_run(side, name)[0]
-            unusable = unusable or (why and f"{side}: {why}")
-        if both.too_long and number == 1:
+            problem, _ = self._read_run(side, _folder_name(unit))
+            unusable = unusable or (problem and f"{side}: {problem}")
+        if both.too_long and unit.number == 1:
             self._note(f"the sides are not played by turns: {both.too_long}")
-        return self._add_pair(name, number=number, order=order, again=again, unusable=unusable)
+        self._add_pair(unit, unusable)
+        return True
 
     def _run(self, side: Side, name: str) -> tuple[str, str]:
         """One run: why it cannot be judged, and which interference affected it, or empty texts."""
@@ -423,31 +445,40 @@ class _PairRunner:
         self._opened[f"{side}/{name}"], self.measured[f"{side}/{name}"] = run, samples
         return pair_comparison.why_unusable(samples), pair_comparison.interference_text(samples)
 
-    def _over_budget(self, played: int) -> bool:
-        """Whether one more pair would exceed the time budget of the spec."""
-        budget_ns = self._comparison.head.plan.gate.time_budget_ns
-        if not budget_ns:
-            return False
-        spent_s = time.monotonic() - self._began_s
-        if spent_s * (played + 1) / played <= budget_ns / 1e9:
-            return False
-        self._note(f"the time budget ended the comparison after {played} pairs")
-        return True
+    # What is recorded.
+
+    def _add_pair(self, unit: Pair, unusable: str, disturbed: str = "") -> None:
+        name = _folder_name(unit)
+        self._pairs.append(
+            PairRecord(
+                number=unit.number,
+                order=unit.order,
+                base=f"base/{name}",
+                head=f"head/{name}",
+                again=bool(unit.why_again),
+                unusable=unusable,
+                disturbed=disturbed,
+            )
+        )
+        self._write_record(_KILLED)
 
     def _note(self, text: str) -> None:
         self._notes.append(text)
         self._progress.note(text)
 
     def _write_record(self, reason: str, exit_status: int = 0) -> None:
+        self._folder.write_pairs(self._record(reason, exit_status))
+
+    def _record(self, reason: str = "", exit_status: int = 0) -> PairsRecord:
         comparison = self._comparison
-        record = PairsRecord(
+        return PairsRecord(
             run_id=self._run_id,
             head_plan=plan_hash(comparison.head.plan),
             base_plan=plan_hash(comparison.base.plan),
             against=comparison.against,
             control=comparison.control,
             seed=self._seed,
-            planned=self._planned,
+            planned=comparison.pairs,
             started_at=self._started_at,
             ended_at=_now(),
             status="incomplete" if reason else "complete",
@@ -458,6 +489,7 @@ class _PairRunner:
             gate=comparison.gate,
             by_turns=self._both is not None,
             confirmed_from=self._confirmed_from,
+            fresh=self._fresh,
             # That of a work tree leads to its code, and is no difference that matters.
             environment={
                 name: shown_value(name, value)
@@ -466,7 +498,10 @@ class _PairRunner:
             },
             notes=tuple(self._notes),
         )
-        self._folder.write_pairs(record)
+
+
+def _folder_name(unit: Pair) -> str:
+    return f"{unit.number:03d}{'-again' if unit.why_again else ''}"
 
 
 def _now() -> str:

@@ -44,7 +44,7 @@ from r2bspec.errors import ExitStatus, R2bspecError, without_output
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import graph_identity
 from r2bspec.execute.processes.environment import applied_environment
-from r2bspec.execute.progress import Progress
+from r2bspec.execute.states import Progress
 from r2bspec.language.load_spec import LoadedSpec
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.language.spec import Objective, Spec

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import msgspec
 
-from r2bspec.compare.errors import SamplesMissingError, UnreadableResultError
 from r2bspec.diagnostics.quote import first_words
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import build_result, from_json, result_of
 from r2bspec.judge.measure.metrics import summarise
@@ -33,6 +33,21 @@ from r2bspec.safe_io.safe_file import is_folder, read_bytes
 
 _MAX_NAMED_PAIRS = 3
 """Affected pairs listed in a sentence; ``pairs`` of the result has all of them."""
+
+
+class SamplesMissingError(R2bspecError):
+    """Only the result of a run is known, and its samples are needed."""
+
+    code = "R2B661"
+    exit_code = ExitStatus.USAGE
+
+
+class UnreadableResultError(R2bspecError):
+    """A file is not a result."""
+
+    code = "R2B662"
+    exit_code = ExitStatus.USAGE
+    way_out = "Name a run folder or a result.json."
 
 
 @dataclass(frozen=True)
@@ -174,8 +189,7 @@ def judge_comparison_folder(
     counted = pairs.usable_pairs()
     base, head = pairs.merged(counted, "base"), pairs.merged(counted, "head")
     first = read_pair_set(pairs, measured)
-    confirms = any(pair.confirms for pair in pairs.record.pairs)
-    again = read_pair_set(pairs, measured, confirms=True) if confirms else None
+    again = read_pair_set(pairs, measured, fresh=True) if pairs.tried(fresh=True) else None
     verdict = judge_comparison(objectives, first, again, decision_policy(pairs.plan, gate))
     result = build_result(
         head,
@@ -196,27 +210,25 @@ def read_pair_set(
     pairs: comparison_folder.PairedComparison,
     measured: dict[str, RunSamples],
     *,
-    confirms: bool = False,
+    fresh: bool = False,
 ) -> PairSet:
-    """The samples of the pairs of one session.
+    """The samples of the pairs that are judged together.
 
     Args:
         pairs: the comparison.
         measured: its runs that have been measured before, by their folders; others are added.
-        confirms: read the pairs of the confirmation.
+        fresh: see `PairedComparison.usable_pairs`.
 
     Raises:
         RecordError: a file of one of the runs is missing or damaged.
     """
-    played, unaffected = pairs.usable_pairs(confirms=confirms), pairs.unaffected(confirms=confirms)
+    played, unaffected = pairs.usable_pairs(fresh=fresh), pairs.unaffected(fresh=fresh)
     disturbed = [pair for pair in played if pair.disturbed]
     return PairSet(
         played=_interleaved(pairs, played, measured),
-        tried=len({pair.number for pair in pairs.record.pairs if pair.confirms == confirms}),
+        tried=pairs.tried(fresh=fresh),
         looks=_planned_looks(pairs.record),
-        fresh_starts=pairs.record.planned - pairs.record.confirmed_from
-        if pairs.record.confirmed_from
-        else 0,
+        fresh_starts=pairs.record.fresh if pairs.record.by_turns else 0,
         unaffected=_interleaved(pairs, unaffected, measured) if disturbed else None,
         disturbance_text=_affected_pairs_text(disturbed),
     )
@@ -225,7 +237,8 @@ def read_pair_set(
 def _planned_looks(record: comparison_folder.PairsRecord) -> InterimLooks | None:
     """When the pairs are judged; a control measures the noise, with all of them."""
     if record.by_turns and not record.control:
-        return InterimLooks.after_starts_of_both(record.planned, record.confirmed_from)
+        last = record.confirmed_from + record.fresh if record.confirmed_from else record.planned
+        return InterimLooks.after_starts_of_both(last, record.confirmed_from)
     looks = InterimLooks.after_each_pair(record.planned)
     return looks if len(looks) > 1 and not record.control else None
 

@@ -4,8 +4,9 @@ Each side is played by the controller of an ordinary run (`r2bspec.execute.contr
 own run folder, domain, processes and player. Controllers change the environment of their process
 and handle its signals, so that each needs a process of its own, which serves all starts of a side.
 
-In a start, both sides come to the same points in the same order (`r2bspec.execute.turns`). Here is
-what they are answered: when the steps of either side are due, and which side is played alone first.
+In a start, both sides come to the same points in the same order
+(`r2bspec.execute.measurement.turns`). Here is what they are answered: when the steps of either side
+are due, and which side is played alone first.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ from typing import Any, Final
 from r2bspec.compare.interleaved_comparison import ComparisonSide
 from r2bspec.execute.controller import RunOptions, run_plan
 from r2bspec.execute.errors import RunError
+from r2bspec.execute.measurement.turns import Partner, PartnerLeftError
 from r2bspec.execute.processes.environment import applied_environment
-from r2bspec.execute.progress import Progress
-from r2bspec.execute.turns import Partner, PartnerLeftError
+from r2bspec.execute.states import Progress
 from r2bspec.ipc.schedule import Turns
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import Side

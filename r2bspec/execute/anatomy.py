@@ -5,7 +5,7 @@ of its own; after each segment, its events are taken from these. Player and moni
 the graph is: they are the ends of every path.
 
 A run observes either all its starts (``benchmark: {anatomy: true}``), or one more start after
-everything that counts (`r2bspec.execute.profiled_iteration`).
+everything that counts (`r2bspec.execute.measurement.extra_iteration`).
 """
 
 from __future__ import annotations

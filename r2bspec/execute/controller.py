@@ -1,9 +1,9 @@
 """The controller: takes a run from state to state, and writes its record.
 
 Each state of the whole run (`r2bspec.execute.states`) is a method of `_Run`, in the order of the
-states; those of one start are in `r2bspec.execute.session`. At the end of a run, even of a failed
-one, no process of the run is left, the run folder contains everything that was measured, and its
-record states whether the run is complete.
+states; those of one start are in `r2bspec.execute.start.start`. At the end of a run, even of a
+failed one, no process of the run is left, the run folder contains everything that was measured, and
+its record states whether the run is complete.
 """
 
 from __future__ import annotations
@@ -13,10 +13,8 @@ import datetime
 import errno
 import os
 import tempfile
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,7 +25,16 @@ from r2bspec.execute.bringup.launcher import Launcher, message_packages
 from r2bspec.execute.fill_buffers import buffer_bags, obtain_dataset, played_digest, preprocess
 from r2bspec.execute.identity.identify_graph import graph_identity, observed_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
+from r2bspec.execute.measurement.extra_iteration import (
+    ProfiledIteration,
+    find_profiler,
+    play_observed,
+    profiled_processes,
+    require_usable,
+    wait_for_last_sample,
+)
 from r2bspec.execute.measurement.measurement import Measurement
+from r2bspec.execute.measurement.turns import Filled, Partner, play_by_turns
 from r2bspec.execute.processes import environment as run_environment
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.elf import require_joinable
@@ -35,22 +42,12 @@ from r2bspec.execute.processes.machine import describe_machine, describe_version
 from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.execute.processes.scheduling import require_permitted
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
-from r2bspec.execute.profiled_iteration import (
-    ProfiledIteration,
-    play_observed,
-    profiled_processes,
-    wait_for_last_sample,
-)
-from r2bspec.execute.profilers import find_profiler, require_usable
-from r2bspec.execute.progress import Progress
 from r2bspec.execute.run_context import MEASURE_PHASE, HostWatch, RunContext, TimeBudget
-from r2bspec.execute.session import StartSequence
-from r2bspec.execute.states import Interrupts, RunState, RunStates
-from r2bspec.execute.turns import Filled, Partner, play_by_turns
+from r2bspec.execute.start.start import StartSequence
+from r2bspec.execute.states import Interrupts, Progress, RunState, RunStates
 from r2bspec.extras import install_command
-from r2bspec.ipc.arrivals import ClockOffsetTracker
 from r2bspec.ipc.buffers import largest_message_bytes
-from r2bspec.judge.confirmation import needs_confirmation
+from r2bspec.ipc.sample_files import ClockOffsetTracker
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import judge_confirmation
 from r2bspec.judge.measure.host_usage import ProcessSamples
@@ -66,7 +63,13 @@ from r2bspec.plan.this_machine import find_module
 from r2bspec.record.files import RecordError
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_folder import RunFolder, write_loaded_files
-from r2bspec.record.run_record import AnatomyRecord, Difference, ProfileRecord, RunRecord
+from r2bspec.record.run_record import (
+    AnatomyRecord,
+    ConfirmationRecord,
+    Difference,
+    ProfileRecord,
+    RunRecord,
+)
 from r2bspec.safe_io.private_files import remove_folder
 
 
@@ -206,7 +209,7 @@ class _Run:
         self._launchers: list[Launcher] = []
         self._early_launcher: Launcher | None = None
         self._starts = StartSequence(plan, self._context, self._launcher)
-        self._measurements: list[Measurement] = []
+        self._measurement = Measurement(plan, self._context, self._starts, self._judge_so_far)
         self._anatomy: AnatomyRecord | None = None
         self._profiles: tuple[ProfileRecord, ...] = ()
 
@@ -350,53 +353,12 @@ class _Run:
 
     def _measure(self) -> None:
         """Measure in the starts of the plan and, if the run fails, in as many that confirm it."""
-        began_s = time.monotonic()
-        measurement = self._begin(self._judge_so_far)
-        if self._options.partner is not None:
-            player = measurement.segment_player
-            self._states.enter(RunState.PLAY, "playing by turns with the other side")
-            play_by_turns(self._plan, player, self._options.partner)
-            self._starts.find_foreign_publishers()
+        if self._options.partner is None:
+            self._measurement.measure()
             return
-        verdict, iterations = measurement.measure()
-        if self._starts.find_foreign_publishers():
-            # Others took part in what was measured: a fresh batch would confirm nothing.
-            return
-        if self._is_confirmed(verdict, began_s):
-            self._confirm(measurement, verdict, iterations)
-
-    def _begin(self, judge_so_far: Callable[[], Verdict], *, confirms: bool = False) -> Measurement:
-        """Start all processes for the run or for its confirmation."""
-        measurement = Measurement(
-            self._plan,
-            self._starts.begin(confirms=confirms),
-            self._context,
-            judge_so_far,
-            partial(self._starts.begin, confirms=confirms),
-        )
-        self._measurements.append(measurement)
-        return measurement
-
-    def _is_confirmed(self, verdict: Verdict, began_s: float) -> bool:
-        """Whether the run fails, and is to be repeated because of that."""
-        if not self._plan.gate.confirm or not needs_confirmation(verdict):
-            return False
-        if self._plan.external:
-            self._context.note("no confirmation run: r2bspec cannot restart external nodes")
-            return False
-        return self._context.budget.allows("no confirmation run", time.monotonic() - began_s)
-
-    def _confirm(self, measurement: Measurement, verdict: Verdict, iterations: int) -> None:
-        self._states.enter(
-            RunState.CONFIRM, "the run fails: starting the confirmation run in new processes"
-        )
-        again = self._begin(partial(self._judge_confirmation, verdict), confirms=True)
-        failed = {
-            requirement.method
-            for requirement in verdict.requirements
-            if requirement.outcome == "fail"
-        }
-        again.measure_confirmation(frozenset(failed), iterations, measurement.peak_hz)
+        player = self._starts.begin()
+        self._states.enter(RunState.PLAY, "playing by turns with the other side")
+        play_by_turns(self._plan, player, self._options.partner)
         self._starts.find_foreign_publishers()
 
     def _observe_from_inside(self) -> None:
@@ -404,7 +366,7 @@ class _Run:
             return
         wait_for_last_sample(self._starts)
         self._states.enter(RunState.ANATOMY, "observing one more iteration from inside")
-        self._anatomy = play_observed(self._starts, self._measurements[0].peak_hz)
+        self._anatomy = play_observed(self._starts, self._peak_hz())
         if self._anatomy.error:
             self._context.note(f"anatomy: {self._anatomy.error}")
 
@@ -416,10 +378,13 @@ class _Run:
         self._states.enter(RunState.PROFILE, f"playing one more iteration with {profiler.name}")
         processes = profiled_processes(self._plan)
         iteration = ProfiledIteration(profiler, processes, self._starts)
-        self._profiles = iteration.play(self._measurements[0].peak_hz)
+        self._profiles = iteration.play(self._peak_hz())
         for profile in self._profiles:
             outcome = profile.error or ", ".join(profile.files)
             self._context.note(f"profile of {profile.process}: {outcome}")
+
+    def _peak_hz(self) -> float | None:
+        return self._measurement.batches[0].peak_hz
 
     def _collect(self) -> None:
         supervisor = self._context.supervisor
@@ -514,16 +479,13 @@ class _Run:
         )
         return Launcher(context.supervisor, environment, context.folder, context.base_dir)
 
-    def _judge_so_far(self, samples: RunSamples | None = None) -> Verdict:
-        """The verdict on the run if it ended now, without a confirmation."""
-        samples = samples or self._samples_so_far()
-        return judge(self._plan.objectives, samples, decision_policy(self._plan))
-
-    def _judge_confirmation(self, first: Verdict) -> Verdict:
-        """The verdict on the confirmation run if it ended now, given that on the run."""
-        fresh = self._samples_so_far().confirmation
-        assert fresh is not None  # noqa: S101 - it is being played
-        return judge_confirmation(self._plan.objectives, fresh, first, decision_policy(self._plan))
+    def _judge_so_far(self, failed: Verdict | None) -> Verdict:
+        """Judge the run as if it ended now; given a failure, only what confirms it."""
+        samples, policy = self._samples_so_far(), decision_policy(self._plan)
+        if failed is None:
+            return judge(self._plan.objectives, samples, policy)
+        assert samples.confirmation is not None  # noqa: S101 - it is being played
+        return judge_confirmation(self._plan.objectives, samples.confirmation, failed, policy)
 
     def _samples_so_far(self) -> RunSamples:
         """The samples of everything that has been played, as if the run had ended now."""
@@ -592,8 +554,7 @@ class _Run:
             )
         # As a process of the harness says; before one has, the one that is selected.
         rmw = next(({"rmw": each.rmw} for each in self._launchers if each.rmw), {})
-        first = self._measurements[0] if self._measurements else None
-        again = self._measurements[1:]
+        first, again = (*self._measurement.batches, None, None)[:2]
         sessions = self._starts.sessions
         fresh_overhead = next(
             (session.harness_overhead for session in sessions if session.confirms), ()
@@ -610,13 +571,19 @@ class _Run:
             versions=self._versions | rmw,
             processes=self._context.supervisor.records(),
             segments=tuple(segment for session in sessions for segment in session.segments),
-            search=first.search if first else None,
-            sustained=first.sustained if first else (),
+            search=first.search_record if first else None,
+            sustained=tuple(first.sustained) if first else (),
             events=tuple(self._states.events),
             harness_overhead=sessions[0].harness_overhead if sessions else (),
             output_gaps=tuple(silence for session in sessions for silence in session.output_gaps),
             differences=self._differences(failure),
-            confirmation=again[0].confirmation(fresh_overhead) if again else None,
+            confirmation=ConfirmationRecord(
+                search=again.search_record,
+                sustained=tuple(again.sustained),
+                harness_overhead=fresh_overhead,
+            )
+            if again
+            else None,
             left_out=tuple(self._context.budget.left_out),
             starts=tuple(self._starts.records),
             unplayed=sessions[0].unplayed if sessions else (),

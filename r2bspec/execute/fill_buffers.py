@@ -27,15 +27,20 @@ from r2bspec.bags.recording import DataError, RecordedMessage, TimeWindow
 from r2bspec.bags.service_events import NO_REQUESTS, SERVICE_EVENT, request_kind, request_side
 from r2bspec.datasets.catalogue import locate
 from r2bspec.datasets.synthesis import make
-from r2bspec.execute.bringup.find_fault import find_faults
-from r2bspec.execute.bringup.graph_matching import PhaseGraph
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
-from r2bspec.execute.bringup.observe_graph import TRACE_RATE_HZ, TRACE_STEPS, GraphFacts
 from r2bspec.execute.bringup.readiness import StartDeadline
+from r2bspec.execute.diagnose.diagnosis import PhaseGraph
+from r2bspec.execute.diagnose.facts import TRACE_RATE_HZ, TRACE_STEPS, GraphFacts
+from r2bspec.execute.diagnose.first_fault import find_faults
 from r2bspec.execute.errors import DatasetMismatchError, NoOutputError
+from r2bspec.execute.graph_matching import (
+    expected_subscriptions,
+    subscription_counts,
+    wait_until_matched,
+)
 from r2bspec.execute.processes.supervisor import ManagedProcess
-from r2bspec.execute.progress import Progress
 from r2bspec.execute.run_context import RunContext
+from r2bspec.execute.states import Progress
 from r2bspec.ipc import buffers, protocol
 from r2bspec.plan.command_lines import NATIVE_ARGV
 from r2bspec.plan.plan import DatasetPlan, Plan, ProcessPlan
@@ -262,13 +267,13 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
     supervisor.request(loader, protocol.Subscribe(), protocol.Matched, 10.0)
     # An input that is also played as recorded may have no subscription here.
     topics = {
-        topic: graph.expected_subscriptions(topic)
+        topic: expected_subscriptions(graph, topic)
         for topic in sources
         if read.get(topic) or topic not in {*played, buffers.TF}
     }
-    topics |= dict.fromkeys(recorded, 1) | graph.subscription_counts(transforms)
+    topics |= dict.fromkeys(recorded, 1) | subscription_counts(graph, transforms)
     between = _expected_subscriptions_by_host(zip(nodes, others, strict=True), launcher, recorded)
-    graph.wait_until_matched({loader: topics} | between, deadline)
+    wait_until_matched(graph, {loader: topics} | between, deadline)
     graph.check_parameters()
     load = protocol.Load(
         max_output_gap_ns=plan.drain_timeout.ns,

@@ -28,8 +28,7 @@ from r2bspec.record.sample_arrays import Rows
 if TYPE_CHECKING:
     from r2bspec.execute.identity.loaded_files import LoadedFiles
     from r2bspec.execute.processes.supervisor import ProcessSupervisor
-    from r2bspec.execute.progress import Progress
-    from r2bspec.execute.states import RunStates
+    from r2bspec.execute.states import Progress, RunStates
     from r2bspec.record.run_folder import RunFolder
 
 MEASURE_PHASE = "measure"

@@ -1,8 +1,8 @@
 """The states of a run: what each does, and which can follow it.
 
-`r2bspec.execute.controller` has the states of the whole run, `r2bspec.execute.session` those of one
-start, `r2bspec.execute.measurement.measurement` those in which is measured. The record names the
-same states, as its phases; docs/execution.md draws them.
+`r2bspec.execute.controller` has the states of the whole run, `r2bspec.execute.start.start` those of
+one start, `r2bspec.execute.measurement.measurement` those in which is measured. The record names
+the same states, as its phases; docs/execution.md draws them.
 
 Every state is left early in the same way. A fault of a process, a signal and a memory limit are
 seen wherever the controller waits, and raise an error there; whatever the state, the controller
@@ -19,12 +19,59 @@ import time
 from collections.abc import Iterator, Mapping, Set
 from enum import StrEnum
 from types import FrameType
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from r2bspec.execute.errors import InterruptedRunError
-from r2bspec.execute.progress import Progress
 from r2bspec.record.run_record import PhaseTime, WaitTime
 from r2bspec.safe_io.terminal import leave_terminal
+
+
+class SegmentProgress(Protocol):
+    """The progress of a segment; each value is computed only when it is requested."""
+
+    def sent(self) -> int:
+        """How many steps have been published."""
+
+    def received(self) -> int:
+        """How many messages have been received: the minimum over all monitors."""
+
+    def p99_ns(self) -> int | None:
+        """The p99 of the latest latencies; None before the first message."""
+
+    def cores(self) -> Mapping[str, float]:
+        """The recent CPU use of each process, in cores."""
+
+
+class Progress:
+    """Receives progress; every method returns immediately and never raises. These discard it."""
+
+    def phase(self, name: str, text: str) -> None:
+        """A phase of the plan begins."""
+
+    def step(self, done: int, total: int) -> None:
+        """How much of a countable phase is done."""
+
+    def segment(self, title: str, steps: int) -> None:
+        """A segment of `steps` steps begins."""
+
+    def playing(self, view: SegmentProgress) -> None:
+        """The progress of the current segment; called four times a second."""
+
+    def waiting(self, place: str, left: str) -> None:
+        """The run waits for others on this host; called five times a second.
+
+        Args:
+            place: in the queue, and whom it waits for.
+            left: how long that will take.
+        """
+        if place != self._place:
+            self._place = place
+            self.note(f"{place}: {left}")
+
+    _place = ""
+
+    def note(self, text: str) -> None:
+        """A one-line message for the user."""
 
 
 class RunState(StrEnum):

@@ -22,8 +22,7 @@ import msgspec
 from r2bspec._version import __version__
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 from r2bspec.extras import install_command
-from r2bspec.fleet.archive import unpack
-from r2bspec.fleet.errors import FleetError, HostLostError, HostRunError, NoHostError
+from r2bspec.fleet.archive import FleetError, HostLostError, HostRunError, NoHostError, unpack
 from r2bspec.fleet.host import HostFacts, Job, Played, describe_host, play
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.this_machine import unmet

@@ -34,10 +34,9 @@ from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.service_client import ServiceCallError, fill_message
 from r2bspec.ipc import protocol
-from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, read_clocks
 from r2bspec.ipc.buffers import read_messages
 from r2bspec.ipc.playback_file import PlaybackReader
-from r2bspec.ipc.sample_files import RowWriter
+from r2bspec.ipc.sample_files import ARRIVAL_FIELDS, RowWriter, read_clocks
 from r2bspec.ipc.schedule import ALL_INPUTS, TimelineMessage
 from r2bspec.plan.plan import CallPlan
 from r2bspec.record.sample_arrays import PLAYBACK_FIELDS

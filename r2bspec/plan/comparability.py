@@ -18,9 +18,18 @@ import msgspec
 
 from r2bspec.diagnostics.diagnostic import Path, format_path
 from r2bspec.diagnostics.quote import clip
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.language.declaration import Change, change_at, encode_text, rule_at
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
+
+
+class IncomparableError(R2bspecError):
+    """What was measured differs in more than its numbers."""
+
+    code = "R2B663"
+    exit_code = ExitStatus.USAGE
+
 
 ABSENT: Final = object()
 """The value of an absent member."""

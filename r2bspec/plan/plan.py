@@ -156,6 +156,9 @@ HARNESS_ROLES: Final = frozenset({"loader", "player", "caller", "monitor", "harn
 GRAPH_ROLES: Final = frozenset({"host", "container", "command"})
 """Roles of the processes of the graph; with ``placement: harness`` its nodes are in that one."""
 
+HARNESS_PARTS: Final = ("loader", "player", "monitor")
+"""Who reads and writes topics beside nodes, whose full names begin with a slash."""
+
 
 class ExternalPlan(_Value, frozen=True, kw_only=True):
     """A node that must already run when the graph starts; the run does not start or end it."""

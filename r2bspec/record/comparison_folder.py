@@ -8,8 +8,7 @@
     head/NNN/          that of the head
     result.json        metrics of the head and verdicts, computed from all of the above
 
-The folders of a repeated pair are ``NNN-again``; those of confirmation pairs begin with
-``confirm-``.
+The folders of a repeated pair are ``NNN-again``.
 
 The runs of a side are merged to one, with the segments of all of them under unique names. Runs on
 one machine share a clock (CLOCK_MONOTONIC since boot), so the merged run is equivalent to one run
@@ -201,7 +200,6 @@ class PairRecord(msgspec.Struct, frozen=True, kw_only=True):
         base: the folder of its run, relative to the folder of the comparison.
         head: likewise.
         again: whether it is the repetition of another pair.
-        confirms: whether it is a confirmation pair after a failure.
         unusable: why it cannot be judged; otherwise empty.
         disturbed: the host interference that affected it; otherwise empty.
     """
@@ -211,7 +209,6 @@ class PairRecord(msgspec.Struct, frozen=True, kw_only=True):
     base: str
     head: str
     again: bool = False
-    confirms: bool = False
     unusable: str = ""
     disturbed: str = ""
 
@@ -227,14 +224,15 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
         against: the base, as given by the user; empty if the head is compared with itself.
         control: whether base and head are equal, so that every difference is noise.
         seed: of the coin that decided the order of the two sides in each pair.
-        planned: the largest number of pairs; fewer are played where they decide.
+        planned: the largest number of pairs before a failure; fewer are played where they decide.
         differences: between the plans of the base and the head, one per line.
         environment: the changed variables of the base, by name; empty for a removed one.
         notes: on decisions during the comparison, one sentence each.
         gate: on the base, if it has its own work tree, one sentence each.
         by_turns: whether a pair is a start of both sides, which were played by turns.
         confirmed_from: after so many pairs a requirement failed; those that follow confirm it. 0
-            where nothing had to be confirmed in this way.
+            where nothing had to be confirmed.
+        fresh: the largest number of pairs that confirm it.
     """
 
     r2bspec_pairs: Literal[1] = 1
@@ -256,6 +254,7 @@ class PairsRecord(msgspec.Struct, frozen=True, kw_only=True):
     gate: tuple[str, ...] = ()
     by_turns: bool = False
     confirmed_from: Count = 0
+    fresh: Count = 0
     exit_status: ExitNumber = 0
 
 
@@ -285,20 +284,28 @@ class PairedComparison:
     base_plan: Plan
     opened: dict[str, Run] = field(default_factory=dict)
 
-    def usable_pairs(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
-        """The pairs that count: of each number the first usable one."""
-        return self._first(lambda each: not each.unusable, confirms=confirms)
+    def usable_pairs(self, *, fresh: bool = False) -> tuple[PairRecord, ...]:
+        """The pairs that count: of each number the first usable one.
 
-    def unaffected(self, *, confirms: bool = False) -> tuple[PairRecord, ...]:
+        Args:
+            fresh: those that confirm a failure and are judged alone, instead of all others.
+        """
+        return self._first(lambda each: not each.unusable, fresh=fresh)
+
+    def unaffected(self, *, fresh: bool = False) -> tuple[PairRecord, ...]:
         """The pairs without host interference: of each number the first unaffected one."""
-        return self._first(lambda each: not (each.unusable or each.disturbed), confirms=confirms)
+        return self._first(lambda each: not (each.unusable or each.disturbed), fresh=fresh)
 
-    def _first(
-        self, fits: Callable[[PairRecord], bool], *, confirms: bool
-    ) -> tuple[PairRecord, ...]:
-        pairs: dict[int, PairRecord] = {}
-        for pair in self.record.pairs:
-            if pair.confirms == confirms and fits(pair):
+    def tried(self, *, fresh: bool = False) -> int:
+        """How many pairs were played, whether they count or not."""
+        return len(self._first(lambda _: True, fresh=fresh))
+
+    def _first(self, fits: Callable[[PairRecord], bool], *, fresh: bool) -> tuple[PairRecord, ...]:
+        record, pairs = self.record, dict[int, PairRecord]()
+        for pair in record.pairs:
+            confirms = bool(record.confirmed_from) and pair.number > record.confirmed_from
+            # By turns, all starts of both sides are judged together.
+            if (confirms and not record.by_turns) == fresh and fits(pair):
                 pairs.setdefault(pair.number, pair)
         return tuple(pairs[number] for number in sorted(pairs))
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.diagnostics.quote import printable, time_text
-from r2bspec.execute.progress import Progress, SegmentProgress
+from r2bspec.execute.states import Progress, SegmentProgress
 from r2bspec.judge.measure.units import show
 from r2bspec.plan.time_estimate import TimeEstimate
 from r2bspec.report.output import console, write

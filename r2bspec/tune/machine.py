@@ -17,7 +17,7 @@ from r2bspec.compare.interleaved_runs import compare
 from r2bspec.diagnostics.quote import time_text
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError, without_output
 from r2bspec.execute.errors import InterruptedRunError, UnwritableRunError
-from r2bspec.execute.progress import Progress
+from r2bspec.execute.states import Progress
 from r2bspec.judge.baseline_comparison import run_value
 from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolve
 from r2bspec.judge.measure.run_samples import read_samples
@@ -33,8 +33,7 @@ from r2bspec.plan.comparability import single_run_plan
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.time_estimate import estimate_time
 from r2bspec.record.run_folder import open_run
-from r2bspec.tune.proposals import MAX_EXCESS
-from r2bspec.tune.space import Combination, Space, assignments, changes_text
+from r2bspec.tune.space import MAX_EXCESS, Combination, Space, assignments, changes_text
 from r2bspec.tune.tuning_result import Proof, Start
 
 _ENDING: Final = (InterruptedRunError, UnwritableRunError)

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from r2bspec import api
 from r2bspec.errors import UsageError
 from r2bspec.execute.processes.machine import describe_machine
-from r2bspec.execute.progress import Progress
+from r2bspec.execute.states import Progress
 from r2bspec.extras import install_command
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.canonical_json import plan_hash
@@ -23,8 +23,7 @@ from r2bspec.tune.machine import RealMachine, TuningError, goal_of
 from r2bspec.tune.overlay import write_overlay
 from r2bspec.tune.search import Search, SearchLimits
 from r2bspec.tune.space import Space
-from r2bspec.tune.tuning_report import to_markdown
-from r2bspec.tune.tuning_result import TuningResult, write_tuning
+from r2bspec.tune.tuning_result import TuningResult, to_markdown, write_tuning
 
 RUNS_FOLDER: Final = "trials"
 PAGE_FILE: Final = "tuning.md"

@@ -24,8 +24,7 @@ from msgspec.structs import replace
 
 from r2bspec.diagnostics.quote import pluralize
 from r2bspec.judge.measure.units import show
-from r2bspec.tune.proposals import Proposals
-from r2bspec.tune.space import TODAY, Combination, Space, changes_text
+from r2bspec.tune.space import TODAY, Combination, Proposals, Space, changes_text
 from r2bspec.tune.tuning_result import Proof, Start, Trial, TuningOutcome
 
 _RACE: Final = (4, 4, 2, 2)

@@ -17,7 +17,7 @@ pytest.importorskip("rclpy")
 
 from r2bspec import api
 from r2bspec.api import GraphMismatchError
-from r2bspec.execute.progress import Progress
+from r2bspec.execute.states import Progress
 from r2bspec.middleware.fast_dds import shm_files
 from ros_runs import Bench, left_behind, note_segments, relay_spec
 

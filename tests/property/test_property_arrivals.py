@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, arrival_times
+from r2bspec.ipc.sample_files import ARRIVAL_FIELDS, arrival_times
 
 MS = 1_000_000
 BEGIN_NS = 10**12

@@ -30,11 +30,10 @@ from r2bspec.execute.errors import ProcessFailedError, RunError
 from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
-from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.buffers import BufferWriter, read_stamp
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.ipc.sample_files import StallLogReader
+from r2bspec.ipc.sample_files import ArrivalReader, StallLogReader
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.language.spec import QoS
 from r2bspec.native.build import (

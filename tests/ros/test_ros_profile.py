@@ -16,7 +16,7 @@ pytest.importorskip("rclpy")
 
 from c_nodes import c_node_spec
 from r2bspec.execute.errors import ProfilerError
-from r2bspec.execute.profilers import find_profiler, require_usable
+from r2bspec.execute.measurement.extra_iteration import find_profiler, require_usable
 from r2bspec.record.run_record import ProfileRecord
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import bench as bench

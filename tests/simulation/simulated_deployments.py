@@ -14,9 +14,8 @@ from typing import Final
 import numpy as np
 
 from r2bspec.judge.statistics.t_interval import paired_ratio
-from r2bspec.tune.proposals import MAX_EXCESS
 from r2bspec.tune.search import SearchLimits
-from r2bspec.tune.space import Combination, Space
+from r2bspec.tune.space import MAX_EXCESS, Combination, Space
 from r2bspec.tune.tuning_result import Proof, Start, StartOutcome
 
 NOISE: Final = 0.04

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts
+from r2bspec.execute.diagnose.facts import GraphFacts, TopicFacts
 from r2bspec.ipc.protocol import Endpoint, QosMismatch
 
 IMAGE, TEXT = "sensor_msgs/msg/Image", "std_msgs/msg/String"

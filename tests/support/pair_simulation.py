@@ -92,13 +92,9 @@ class Comparison:
                 second = msgspec.structs.replace(pair, again=True, unusable="", disturbed="")
                 second = msgspec.structs.replace(second, **names)
                 pairs.append(self._play(path, second, *self.again[number]))
-        for number, (base_s, head_s) in enumerate(self.fresh, start=1):
+        for number, (base_s, head_s) in enumerate(self.fresh, start=len(self.base) + 1):
             pair = PairRecord(
-                number=number,
-                order="AB",
-                base=f"base/confirm-{number:03d}",
-                head=f"head/confirm-{number:03d}",
-                confirms=True,
+                number=number, order="AB", base=f"base/{number:03d}", head=f"head/{number:03d}"
             )
             pairs.append(self._play(path, pair, base_s, head_s))
         folder.write_pairs(
@@ -115,6 +111,8 @@ class Comparison:
                 status=self.status,
                 reason=self.reason,
                 pairs=tuple(pairs),
+                confirmed_from=len(self.base) if self.fresh else 0,
+                fresh=len(self.fresh),
                 differences=() if self.control else ("processes.relay.nice: 0 -> 5",),
             )
         )

@@ -28,8 +28,8 @@ from rosbags.rosbag2 import Writer
 
 from machine_load import skip_for_load
 from r2bspec.bags.message_types import typestore
-from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
+from r2bspec.ipc.sample_files import ArrivalReader
 from r2bspec.record.run_folder import Run, open_run
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_FIELDS

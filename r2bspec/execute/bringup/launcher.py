@@ -2,7 +2,7 @@
 
 The publishers of the harness start first, then the nodes, then the subscriptions of the harness:
 nodes that copy their QoS from existing publishers, or that subscribe only once they have a
-subscriber, need this order. When all are ready is seen in `r2bspec.execute.bringup.graph_matching`.
+subscriber, need this order. When all are ready is seen in `r2bspec.execute.graph_matching`.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
-from r2bspec.execute.bringup.creation_faults import not_loaded
-from r2bspec.execute.bringup.readiness import StartDeadline
-from r2bspec.execute.bringup.spec_mismatches import (
+from r2bspec.execute.bringup.node_faults import (
+    not_loaded,
     require_declared_parameters,
     unmatched_remappings,
     unused_executor,
 )
+from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.errors import ProcessDiedError, StepFailedError
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment

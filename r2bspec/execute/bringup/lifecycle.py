@@ -10,20 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
-from r2bspec.execute.bringup.observe_graph import HARNESS
 from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.errors import GraphDifferencesError, NotReadyError, ProcessDiedError
-from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S
+from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.language.spec import LifecycleState
 from r2bspec.plan.command_lines import has_planned_name
-from r2bspec.plan.plan import ProcessPlan
+from r2bspec.plan.plan import HARNESS_PARTS, Plan, ProcessPlan
 from r2bspec.record.run_record import Difference
-
-if TYPE_CHECKING:
-    from r2bspec.execute.bringup.graph_matching import PhaseGraph
 
 TRANSITION_FAILED: Final = "R2B605"
 NOT_ACTIVATED: Final = "R2B237"
@@ -46,9 +42,12 @@ _DISCOVERY_S = 4.0
 
 @dataclass(frozen=True)
 class LifecycleNodes:
-    """The lifecycle nodes of the graph of one phase."""
+    """The lifecycle nodes of the graph of one phase; see `PhaseGraph`."""
 
-    graph: PhaseGraph
+    plan: Plan
+    phase: str
+    supervisor: ProcessSupervisor
+    note: Callable[[str], None]
 
     def bring_up(
         self,
@@ -65,10 +64,10 @@ class LifecycleNodes:
             GraphDifferencesError: a transition failed, or a node is no lifecycle node.
             NotReadyError: a node is not there in time, or does not answer.
         """
-        wanted = self.graph.plan.states_in(self.graph.phase)
+        wanted = self.plan.states_in(self.phase)
         if not wanted:
             return
-        with self.graph.supervisor.waiting("lifecycle nodes: discovery"):
+        with self.supervisor.waiting("lifecycle nodes: discovery"):
             states = self._wait_for(wanted, deadline)
         for transition, (before, targets) in _STEPS.items():
             nodes = [
@@ -85,9 +84,7 @@ class LifecycleNodes:
                 message = f"{name} cannot be {target}: it is finalized"
                 raise _mismatch(TRANSITION_FAILED, name, "", message, "read its output")
             if states[name] != target:
-                self.graph.note(
-                    f"{name} is {states[name]}, not {target}: it changes its state itself"
-                )
+                self.note(f"{name} is {states[name]}, not {target}: it changes its state itself")
 
     def _wait_for(
         self, wanted: dict[str, LifecycleState], deadline: StartDeadline
@@ -104,7 +101,7 @@ class LifecycleNodes:
             missing = [name for name in wanted if found.states.get(name) not in _PRIMARY_STATES]
             if not missing:
                 return found.states
-            graph = self.graph.supervisor.ask_observer(protocol.ListGraph(), protocol.GraphSnapshot)
+            graph = self.supervisor.ask_observer(protocol.ListGraph(), protocol.GraphSnapshot)
             for name in missing:
                 if name not in graph.nodes or name in found.states:
                     continue
@@ -125,10 +122,10 @@ class LifecycleNodes:
                     else f"lifecycle node {name} was not there after {deadline.timeout_s:g} s",
                     hint="Read its output, or increase benchmark.start_timeout.",
                 )
-            self.graph.supervisor.pump(_POLL_S)
+            self.supervisor.pump(_POLL_S)
 
     def _ask_states(self) -> protocol.LifecycleStates:
-        return self.graph.supervisor.ask_observer(
+        return self.supervisor.ask_observer(
             protocol.ListLifecycle(timeout_ns=_ASK_NS),
             protocol.LifecycleStates,
             _ASK_NS / 1e9 + REPLY_TIMEOUT_S,
@@ -147,14 +144,14 @@ class LifecycleNodes:
             for process in self._processes()
             if any(node.name == name for node in process.nodes)
         )
-        child = next(process for process in self.graph.supervisor if process.name == own)
+        child = next(process for process in self.supervisor if process.name == own)
         timeout_s = deadline.left_s
         command = protocol.ChangeState(
             node=name, transition=transition, timeout_ns=round(timeout_s * 1e9)
         )
         try:
-            with self.graph.supervisor.waiting(f"{name}: {transition}"):
-                changed = self.graph.supervisor.ask_observer(
+            with self.supervisor.waiting(f"{name}: {transition}"):
+                changed = self.supervisor.ask_observer(
                     command, protocol.StateChanged, timeout_s + REPLY_TIMEOUT_S
                 )
         except ProcessDiedError as died:
@@ -198,7 +195,7 @@ class LifecycleNodes:
 
     def _has_unknown_programs(self) -> bool:
         """Whether a program may be there to change states, although it has no client now."""
-        return any(each.phase == self.graph.phase for each in self.graph.plan.external) or any(
+        return any(each.phase == self.phase for each in self.plan.external) or any(
             not has_planned_name(process, node)
             for process in self._processes()
             for node in process.nodes
@@ -217,16 +214,16 @@ class LifecycleNodes:
             return ()
         topics = {*topics}
         planned = [
-            {*topic.writers, *topic.readers} - {*HARNESS}
-            for topic in self.graph.plan.topics
-            if topic.phase == self.graph.phase and topic.name in topics
+            {*topic.writers, *topic.readers} - {*HARNESS_PARTS}
+            for topic in self.plan.topics
+            if topic.phase == self.phase and topic.name in topics
         ]
         # What publishes or reads a topic may be unknown.
         anyone = len(planned) < len(topics) or not all(planned)
         own = {node.name for process in self._processes() for node in process.nodes}
         waiting = []
         for name, state in found.states.items():
-            is_planned = name in self.graph.plan.states_in(self.graph.phase)
+            is_planned = name in self.plan.states_in(self.phase)
             is_near = anyone or any(name in nodes for nodes in planned)
             if state in {"unconfigured", "inactive"} and is_near and not is_planned:
                 managers = found.managers.get(name, ())
@@ -234,7 +231,7 @@ class LifecycleNodes:
         return tuple(waiting)
 
     def _processes(self) -> tuple[ProcessPlan, ...]:
-        return self.graph.plan.processes_in(self.graph.phase)
+        return self.plan.processes_in(self.phase)
 
 
 class WaitingNode(NamedTuple):

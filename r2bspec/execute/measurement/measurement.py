@@ -1,7 +1,8 @@
 """What is measured: the peak search, the rates to be sustained, the iterations.
 
 The search and the probes of sustained rates are made in the first start. The iterations, those at
-the peak among them, are spread over all starts (`r2bspec.plan.plan`).
+the peak among them, are spread over all starts (`r2bspec.plan.plan`); those of one start are a unit
+of the experiment (`r2bspec.execute.experiment`).
 
 All rates are played in each iteration, so that a slow drift of the machine affects them equally.
 After each start from the fifth on there is an interim look, with the error probability divided
@@ -11,246 +12,301 @@ that more iterations can decide.
 After the last look, iterations affected by host interference are repeated, each once, while that
 can change the outcome (`r2bspec.judge.affected_iterations`), in the start that then runs: the
 record says which one that is.
+
+If the run fails, what the failure depends on is measured again in new processes, and judged alone
+(`r2bspec.judge.confirmation`): in a run of one start as many iterations as failed, in one of
+several starts as many starts as it takes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import NamedTuple
 
 import msgspec
 
+from r2bspec.execute.experiment import Experiment, again, confirm, grow
 from r2bspec.execute.measurement.peak_search import PeakSearch
 from r2bspec.execute.measurement.rate_probe import MAX_FUTILE_REPLAYS, RateProber
-from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer, titled
 from r2bspec.execute.run_context import RunContext
+from r2bspec.execute.start.segments import SegmentHeading, SegmentPlayer, titled
+from r2bspec.execute.start.start import StartSequence
 from r2bspec.execute.states import RunState
-from r2bspec.judge.decision_policy import decide_after_look
-from r2bspec.judge.methods import METHODS, Method
+from r2bspec.judge.methods import METHODS
 from r2bspec.judge.verdict import DisturbedIteration, Verdict
 from r2bspec.plan.interim_looks import InterimLooks, iterations_of_starts
 from r2bspec.plan.plan import Plan, PlayPlan
-from r2bspec.record.run_record import ConfirmationRecord, HarnessOverheadRecord, Probe, SearchRecord
+from r2bspec.record.run_record import Probe, SearchRecord
+
+_PLAY_TEXTS = {"timeline": "playing the recording", "live": "recording the live graph"}
+
+
+class Iterations(NamedTuple):
+    """A unit of a run: iterations that one start plays, one after the other.
+
+    Attributes:
+        indices: of the iterations, from 1.
+        plays: the rates, each of which is played in each iteration.
+        rerun_of: the id of the segment in whose place the only one is played; empty otherwise.
+    """
+
+    indices: range
+    plays: tuple[PlayPlan, ...]
+    rerun_of: str = ""
 
 
 @dataclass
-class Measurement:
-    """The measurement of a run, or of its confirmation, and the results of its probes.
+class Batch:
+    """What was measured first, or again to confirm a failure.
 
     Attributes:
-        segment_player: plays in the start that runs.
+        prober: probes rates in the first start of the batch.
+        plays: the rates of each iteration.
+        starts: those that have played iterations, in their order.
+        played: how many iterations.
     """
 
-    plan: Plan
-    segment_player: SegmentPlayer
-    context: RunContext
-    judge_so_far: Callable[[], Verdict]
-    next_start: Callable[[], SegmentPlayer]
-    _search: PeakSearch | None = None
-    _sustained: list[Probe] = field(default_factory=list)
-    _starts: list[SegmentPlayer] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.budget = self.context.budget
-        self._prober = RateProber(self.plan, self.segment_player, self.context)
-        self._plays: tuple[PlayPlan, ...] = self.plan.play
+    prober: RateProber
+    search: PeakSearch | None = None
+    sustained: list[Probe] = field(default_factory=list)
+    plays: tuple[PlayPlan, ...] = ()
+    starts: list[SegmentPlayer] = field(default_factory=list)
+    played: int = 0
+    began_s: float = 0.0
 
     @property
-    def search(self) -> SearchRecord | None:
+    def search_record(self) -> SearchRecord | None:
         """The result of the search so far; None if there was none."""
-        return self._search.record() if self._search else None
+        return self.search.record() if self.search else None
 
     @property
     def peak_hz(self) -> float | None:
         """The highest sustained rate of the search; None if there is none, or was no search."""
-        return self.search.holds_hz if self.search else None
+        record = self.search_record
+        return record.holds_hz if record else None
 
-    @property
-    def sustained(self) -> tuple[Probe, ...]:
-        """The probes of rates to be sustained."""
-        return tuple(self._sustained)
 
-    def confirmation(
-        self, harness_overhead: tuple[HarnessOverheadRecord, ...]
-    ) -> ConfirmationRecord:
-        """The record of a confirmation run with this harness overhead."""
-        return ConfirmationRecord(
-            search=self.search, sustained=self.sustained, harness_overhead=harness_overhead
-        )
+class Measurement(Experiment[Iterations]):
+    """The measurement of a run.
 
-    def measure(self) -> tuple[Verdict, int]:
-        """Measure what the plan requests.
+    Attributes:
+        batches: the first one, and the one that confirms a failure, as far as they have begun.
+    """
 
-        Returns:
-            The verdict, and how many iterations were played at each rate.
-
-        Raises:
-            RunError: a process exited, failed, or does not respond.
-        """
-        self.budget.begin()
-        self._probe_peak()
-        self._probe_sustained()
-        self._add_peak(self.peak_hz)
-        if not self._plays:
-            return self.judge_so_far(), 0
-        self._enter_play()
-        return self._play_until_decided()
-
-    def measure_confirmation(
-        self, failed: frozenset[Method], iterations: int, peak_hz: float | None
+    def __init__(
+        self,
+        plan: Plan,
+        context: RunContext,
+        starts: StartSequence,
+        judge: Callable[[Verdict | None], Verdict],
     ) -> None:
-        """Measure again what the failed requirements depend on.
+        """Prepare to measure.
 
         Args:
-            failed: the methods by which the failed requirements were decided.
-            iterations: their number in the run; a run of one start plays as many again, and one of
-                several starts as many as it takes.
-            peak_hz: the peak of the run, at which `play_at_peak` is played unless the confirmation
-                finds its own peak.
+            plan: of the run.
+            context: of the run.
+            starts: begins the starts.
+            judge: judges what was measured so far; of a batch that confirms a failure, that batch
+                alone, given the verdict that has failed.
+        """
+        self._plan, self._context, self._starts = plan, context, starts
+        self._judge_so_far = judge
+        self._failed: Verdict | None = None
+        self._began_s = 0.0
+        self.batches: list[Batch] = []
+
+    def measure(self) -> None:
+        """Measure what the plan requests.
 
         Raises:
             RunError: a process exited, failed, or does not respond.
         """
-        rests_on = {METHODS[method].rests_on for method in failed}
+        self._began_s = time.monotonic()
+        batch = self._begin_batch()
+        self._context.budget.begin()
+        self._probe_peak(batch)
+        self._probe_sustained(batch)
+        self._begin_iterations(batch, batch.peak_hz)
+        self.carry_out(grow, again, confirm)
+        self._starts.find_foreign_publishers()
+
+    def begin_confirmation(self) -> bool:
+        """See `Experiment`; probes that decided the failure are made here."""
+        if not self._is_confirmed():
+            return False
+        failed = self._failed = self.verdict
+        self._context.states.enter(
+            RunState.CONFIRM, "the run fails: starting the confirmation run in new processes"
+        )
+        batch = self._begin_batch()
+        rests_on = {
+            METHODS[requirement.method].rests_on
+            for requirement in failed.requirements
+            if requirement.outcome == "fail"
+        }
         if "search" in rests_on:
-            self._probe_peak()
+            self._probe_peak(batch)
         if "probes" in rests_on:
-            self._probe_sustained()
-        self._add_peak(self.peak_hz or peak_hz)
-        if "iterations" in rests_on and self._plays:
-            self._enter_play()
-            if self.plan.starts == 1:
-                self._play_start(range(1, iterations + 1), iterations)
-                self._with_reruns(self.judge_so_far())
-            else:
-                self._play_until_decided()
+            self._probe_sustained(batch)
+        if "iterations" in rests_on:
+            self._begin_iterations(batch, batch.peak_hz or self.batches[0].peak_hz)
+        return True
 
-    def _add_peak(self, peak_hz: float | None) -> None:
-        """Play at the peak, too, if one was found that is not among the rates."""
-        at_peak = self.plan.play_at_peak
-        rates = [play.rate_hz for play in self.plan.play]
-        if at_peak is not None and peak_hz is not None and peak_hz not in rates:
-            self._plays = (*self.plan.play, msgspec.structs.replace(at_peak, rate_hz=peak_hz))
+    def _is_confirmed(self) -> bool:
+        """Whether there is to be a confirmation run, after a failure."""
+        # If others took part in what was measured, a fresh batch would confirm nothing.
+        if not self._plan.gate.confirm or self._starts.find_foreign_publishers():
+            return False
+        if self._plan.external:
+            self._context.note("no confirmation run: r2bspec cannot restart external nodes")
+            return False
+        took_s = time.monotonic() - self._began_s
+        return self._context.budget.allows("no confirmation run", took_s)
 
-    def _probe_peak(self) -> None:
-        search = self.plan.search
+    def _begin_batch(self) -> Batch:
+        self._player = self._starts.begin(confirms=self._failed is not None)
+        self.batches.append(Batch(RateProber(self._plan, self._player, self._context)))
+        self._verdict = None
+        return self.batches[-1]
+
+    def _probe_peak(self, batch: Batch) -> None:
+        search, budget = self._plan.search, self._context.budget
         if search is None:
             return
-        self.context.states.enter(RunState.SEARCH, "searching for the peak rate")
+        self._context.states.enter(RunState.SEARCH, "searching for the peak rate")
         seconds = max(search.confirm_ns, search.probe_ns) / 1e9
-        self._search = PeakSearch(
+        batch.search = PeakSearch(
             search.min_hz,
             search.max_hz,
             search.precision,
-            self._prober.probe,
+            batch.prober.probe,
             confidence=search.confidence,
-            long_plays=self._prober.long_plays(
-                search,
-                lambda: self.budget.allows("the search ended early", seconds),
+            long_plays=batch.prober.long_plays(
+                search, lambda: budget.allows("the search ended early", seconds)
             ),
         )
-        self._search.run()
+        batch.search.run()
 
-    def _probe_sustained(self) -> None:
-        if not self.plan.sustained_hz:
+    def _probe_sustained(self, batch: Batch) -> None:
+        if not self._plan.sustained_hz:
             return
-        self.context.states.enter(RunState.SUSTAINED, "probing the rates to be sustained")
-        for rate_hz in self.plan.sustained_hz:
-            self._sustained.append(self._prober.probe_sustained(rate_hz).probe)
+        self._context.states.enter(RunState.SUSTAINED, "probing the rates to be sustained")
+        for rate_hz in self._plan.sustained_hz:
+            batch.sustained.append(batch.prober.probe_sustained(rate_hz).probe)
+
+    def _begin_iterations(self, batch: Batch, peak_hz: float | None) -> None:
+        """Play the rates of the plan, and the peak, if one was found that is not among them."""
+        at_peak, batch.plays = self._plan.play_at_peak, self._plan.play
+        rates = [play.rate_hz for play in batch.plays]
+        if at_peak is not None and peak_hz is not None and peak_hz not in rates:
+            batch.plays = (*batch.plays, msgspec.structs.replace(at_peak, rate_hz=peak_hz))
+        if batch.plays:
+            self._enter_play()
+        batch.began_s = self._context.budget.spent_s()
 
     def _enter_play(self) -> None:
-        text = {"timeline": "playing the recording", "live": "recording the live graph"}
-        state_text = text.get(self.plan.playback_mode, "playing at fixed rates")
-        self.context.states.enter(RunState.PLAY, state_text)
+        text = _PLAY_TEXTS.get(self._plan.playback_mode, "playing at fixed rates")
+        self._context.states.enter(RunState.PLAY, text)
 
-    def _play_until_decided(self) -> tuple[Verdict, int]:
-        """Play the iterations up to the look that decides."""
-        looks = self._looks()
-        began_s, played = self.budget.spent_s(), 0
-        verdict: Verdict | None = None
-        for iterations in self._iterations_of_starts():
-            self._play_start(iterations, looks.iterations[-1])
-            played = iterations[-1]
-            if played not in looks.iterations:
-                continue
-            verdict = self.judge_so_far()
-            counted = [
-                requirement for requirement in verdict.requirements if requirement.level == "error"
-            ]
-            look = looks.completed_looks(played)
-            if decide_after_look(looks, look, counted) != "go on":
-                break
-            more_s = (self.budget.spent_s() - began_s) / played * (looks.iterations[look] - played)
-            if not self.budget.allows(f"no more than {played} iterations", more_s):
-                break
-            still_open = [
-                requirement.text
-                for requirement in counted
-                if (requirement.outcome == "inconclusive" or requirement.early)
-                and METHODS[requirement.method].rests_on == "iterations"
-            ]
-            if still_open:
-                self.context.note(f"open after {played} iterations: {', '.join(still_open)}")
-        return self._with_reruns(verdict or self.judge_so_far()), played
+    @property
+    def _confirms_in_one_start(self) -> bool:
+        return self._failed is not None and self._plan.starts == 1
 
-    def _iterations_of_starts(self) -> Iterator[range]:
+    @property
+    def looks(self) -> InterimLooks | None:
+        """See `Experiment`."""
+        plays = self.batches[-1].plays
+        if not plays or self._confirms_in_one_start:
+            return None
+        return InterimLooks.with_end(plays, self._plan.starts)
+
+    def planned(self) -> Sequence[Iterations]:
         """The iterations of each start; those of the only start, up to each look."""
-        looks, starts = self._looks(), self.plan.starts
+        plays, looks, starts = self.batches[-1].plays, self.looks, self._plan.starts
+        if not plays:
+            return []
+        if looks is None:
+            return [Iterations(range(1, self.batches[0].played + 1), plays)]
         if starts == 1:
-            for before, end in pairwise((0, *looks.iterations)):
-                yield range(before + 1, end + 1)
-        else:
-            yield from iterations_of_starts(looks.declared, starts, looks.iterations[-1])
+            ends = pairwise((0, *looks.iterations))
+            return [Iterations(range(before + 1, end + 1), plays) for before, end in ends]
+        parts = iterations_of_starts(looks.declared, starts, looks.iterations[-1])
+        return [Iterations(part, plays) for part in parts]
 
-    def _looks(self) -> InterimLooks:
-        return InterimLooks.with_end(self._plays, self.plan.starts)
+    def play(self, unit: Iterations) -> None:
+        """Play iterations: in a new start if some were played in the one that runs."""
+        batch, is_rerun = self.batches[-1], bool(unit.rerun_of)
+        if not is_rerun:
+            if batch.starts and self._plan.starts > 1:
+                self._player = self._starts.begin(confirms=self._failed is not None)
+                self._enter_play()
+            batch.starts.append(self._player)
+            batch.played = unit.indices[-1]
+        end = self.looks.iterations[-1] if self.looks else unit.indices[-1]
+        for index in unit.indices:
+            for play in unit.plays:
+                name = f"rate-{play.rate_hz:g}Hz" if play.rate_hz else "iteration"
+                title = f"iteration {index} again" if is_rerun else f"iteration {index} of {end}"
+                self._player.play_for(
+                    SegmentHeading(
+                        kind="iteration",
+                        id=f"{name}-{index:03d}{'-again' if is_rerun else ''}",
+                        title=titled(play.rate_hz, title),
+                        index=index,
+                        rerun_of=unit.rerun_of,
+                    ),
+                    play.rate_hz,
+                    play.duration_ns,
+                )
 
-    def _play_start(self, iterations: Iterable[int], end: int) -> None:
-        """Play the iterations of a start: a new one if some were played in the one that runs."""
-        if self._starts and self.plan.starts > 1:
-            self.segment_player = self.next_start()
-            self._enter_play()
-        self._starts.append(self.segment_player)
-        for index in iterations:
-            for play in self._plays:
-                self._play_once(play, index, f"iteration {index} of {end}")
+    def complete(self) -> int:
+        """See `Experiment`."""
+        return self.batches[-1].played
 
-    def _with_reruns(self, verdict: Verdict) -> Verdict:
-        """The verdict, after the affected iterations on which it depends were repeated."""
-        while iterations := iterations_to_rerun(verdict):
-            iteration = iterations[0]
-            name = iteration.segment
-            play = next(
-                candidate for candidate in self._plays if candidate.rate_hz == iteration.rate_hz
-            )
-            if not self.budget.allows(
-                f"no rerun of {name}, which host interference affected", play.duration_ns / 1e9
-            ):
-                break
-            reasons = "; ".join(iteration.reasons)
-            self.context.note(f"host interference affected {name} ({reasons}): repeating it")
-            segments = [segment for start in self._starts for segment in start.segments]
-            index = next(segment.index for segment in segments if segment.id == name)
-            self._play_once(play, index, f"iteration {index} again", rerun_of=name)
-            verdict = self.judge_so_far()
-        return verdict
+    def _judge(self) -> Verdict:
+        return self._judge_so_far(self._failed)
 
-    def _play_once(self, play: PlayPlan, index: int, title: str, rerun_of: str = "") -> None:
-        again = "-again" if rerun_of else ""
-        name = f"rate-{play.rate_hz:g}Hz" if play.rate_hz else "iteration"
-        self.segment_player.play_for(
-            SegmentHeading(
-                kind="iteration",
-                id=f"{name}-{index:03d}{again}",
-                title=titled(play.rate_hz, title),
-                index=index,
-                rerun_of=rerun_of,
-            ),
-            play.rate_hz,
-            play.duration_ns,
-        )
+    def has_time(self, *, was_judged: bool) -> bool:
+        """See `Experiment`: between two looks, what was begun is completed."""
+        looks, batch, budget = self.looks, self.batches[-1], self._context.budget
+        if not was_judged or looks is None:
+            return True
+        next_look = looks.iterations[looks.completed_looks(batch.played)]
+        per_iteration_s = (budget.spent_s() - batch.began_s) / batch.played
+        more_s = per_iteration_s * (next_look - batch.played)
+        if not budget.allows(f"no more than {batch.played} iterations", more_s):
+            return False
+        still_open = [
+            requirement.text
+            for requirement in self.counted()
+            if (requirement.outcome == "inconclusive" or requirement.early)
+            and METHODS[requirement.method].rests_on == "iterations"
+        ]
+        if still_open:
+            self._context.note(f"open after {batch.played} iterations: {', '.join(still_open)}")
+        return True
+
+    def affected(self) -> Iterations | None:
+        """See `Experiment`: one iteration at one rate."""
+        batch = self.batches[-1]
+        if not batch.plays or not (iterations := iterations_to_rerun(self.verdict)):
+            return None
+        iteration = iterations[0]
+        name = iteration.segment
+        play = next(play for play in batch.plays if play.rate_hz == iteration.rate_hz)
+        if not self._context.budget.allows(
+            f"no rerun of {name}, which host interference affected", play.duration_ns / 1e9
+        ):
+            return None
+        reasons = "; ".join(iteration.reasons)
+        self._context.note(f"host interference affected {name} ({reasons}): repeating it")
+        segments = [segment for start in batch.starts for segment in start.segments]
+        index = next(segment.index for segment in segments if segment.id == name)
+        return Iterations(range(index, index + 1), (play,), rerun_of=name)
 
 
 def iterations_to_rerun(verdict: Verdict) -> Sequence[DisturbedIteration]:

@@ -27,9 +27,9 @@ from typing import Final, Literal
 import msgspec
 
 from r2bspec.execute.measurement.peak_search import LongPlays, ProbeOutcome
-from r2bspec.execute.measurement.segment_observation import SegmentObservation
-from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
 from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
+from r2bspec.execute.start.segment_observation import SegmentObservation
+from r2bspec.execute.start.segments import SegmentHeading, SegmentPlayer
 from r2bspec.judge.measure.metric_catalogue import resolve
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.rate_decision import (

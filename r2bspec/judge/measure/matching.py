@@ -43,8 +43,8 @@ NO_MATCH = -1
 """The step of a message that matches none."""
 
 CLOCK_ERROR_NS = 100_000
-"""Times of two processes may differ by this much (see `r2bspec.ipc.arrivals`): an output that was
-received up to this long before its step was published is not early."""
+"""Times of two processes may differ by this much (see `r2bspec.ipc.sample_files`): an output that
+was received up to this long before its step was published is not early."""
 
 
 @dataclass(frozen=True)

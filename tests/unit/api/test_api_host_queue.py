@@ -14,7 +14,7 @@ import pytest
 from queue_members import Member, leave, other_members
 from r2bspec import api
 from r2bspec.execute.host_queue import HostBusyError, queue_folder
-from r2bspec.execute.progress import Progress
+from r2bspec.execute.states import Progress
 
 ROOT = Path(__file__).parents[3]
 RELAY = ROOT / "specs" / "relay.r2b.yaml"

@@ -21,7 +21,7 @@ from r2bspec.compare.base_environment import (
 )
 from r2bspec.compare.base_tree import BaseRevisionError, BaseTree
 from r2bspec.execute.processes.environment import applied_environment
-from r2bspec.execute.progress import Progress
+from r2bspec.execute.states import Progress
 from r2bspec.language.quantities import Duration
 from r2bspec.language.spec import GateBase
 from r2bspec.plan.this_machine import find_module

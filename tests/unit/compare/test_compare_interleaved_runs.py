@@ -16,9 +16,10 @@ from pair_simulation import latencies
 from r2bspec.compare import interleaved_runs
 from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSide, ComparisonSpec
 from r2bspec.compare.interleaved_runs import compare
+from r2bspec.compare.report_input import judge_comparison_folder
 from r2bspec.errors import ExitStatus
 from r2bspec.execute.errors import NotReadyError, ProcessDiedError, RunError, UnwritableRunError
-from r2bspec.execute.progress import Progress
+from r2bspec.execute.states import Progress
 from r2bspec.plan.plan import Plan
 from r2bspec.record import run_folder, sample_arrays
 from r2bspec.record.comparison_folder import PairedComparison, open_comparison
@@ -65,13 +66,17 @@ class Host:
         simulation.write(folder.path)
 
     def compare(
-        self, environment: Mapping[str, str] | None = None, budget_s: float = 0.0
+        self,
+        environment: Mapping[str, str] | None = None,
+        budget_s: float = 0.0,
+        *,
+        confirm: bool = False,
     ) -> PairedComparison:
         """Compare two sides that differ in nothing but their names, and in an environment."""
         plan = template().plan()
         budget_ns = int(budget_s * 1e9)
-        confirms = msgspec.structs.replace(plan.gate, confirm=False, time_budget_ns=budget_ns)
-        side = ComparisonSide(msgspec.structs.replace(plan, gate=confirms), self.tmp_path, "")
+        gate = msgspec.structs.replace(plan.gate, confirm=confirm, time_budget_ns=budget_ns)
+        side = ComparisonSide(msgspec.structs.replace(plan, gate=gate), self.tmp_path, "")
         base = replace(side, environment=environment or {})
         compare(ComparisonSpec(base, side, PAIRS), self.tmp_path / "pairs")
         return open_comparison(self.tmp_path / "pairs")
@@ -117,6 +122,20 @@ def test_the_samples_of_each_run_are_read_once(host: Host, monkeypatch: pytest.M
     host.compare()
     assert {path.parts[len(host.tmp_path.parts) + 1] for path in read} == {"base", "head"}
     assert set(read.values()) == {1}
+
+
+@pytest.mark.parametrize("host", [[CALM]], indirect=True)
+def test_pairs_that_confirm_a_failure_continue_the_list_and_end_when_they_decide(
+    host: Host,
+) -> None:
+    """Of six pairs, five are the first that can decide."""
+    pairs = host.compare(confirm=True)
+    assert [pair.number for pair in pairs.record.pairs] == [*range(1, 11)]
+    assert (pairs.record.confirmed_from, pairs.record.fresh) == (5, PAIRS)
+    assert [pair.number for pair in pairs.usable_pairs()] == [*range(1, 6)]
+    assert [pair.number for pair in pairs.usable_pairs(fresh=True)] == [*range(6, 11)]
+    verdict = judge_comparison_folder(pairs).result.verdict
+    assert (verdict.outcome, verdict.reason.endswith("Confirmed by new pairs.")) == ("fail", True)
 
 
 @pytest.mark.parametrize("host", [[CALM]], indirect=True)

@@ -9,10 +9,10 @@ from typing import Any, Literal, cast
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement.harness_overhead import _quietest
 from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
 from r2bspec.execute.measurement.rate_probe import AffectedProbes
 from r2bspec.execute.run_context import Interference, TimeBudget, interference_of
+from r2bspec.execute.start.harness_overhead import _quietest
 from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.stationarity import CompletionTimes
 from r2bspec.record.run_record import Probe, SearchRecord, Segment

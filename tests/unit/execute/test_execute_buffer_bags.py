@@ -11,7 +11,7 @@ from r2bspec.bags.integrity import hash_files
 from r2bspec.bags.recording import DataError
 from r2bspec.execute.errors import DatasetMismatchError
 from r2bspec.execute.fill_buffers import buffer_bags, obtain_dataset
-from r2bspec.execute.progress import Progress
+from r2bspec.execute.states import Progress
 from r2bspec.ipc.buffers import buffered_transforms, read_index, read_messages
 from r2bspec.plan.plan import BagTopicPlan, DatasetPlan
 from ros_runs import IMAGE, START_NS, STRING, image, text, write_bag

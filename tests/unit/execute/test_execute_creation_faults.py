@@ -10,8 +10,8 @@ import pytest
 
 from ament_packages import install_package
 from plans import node_plan, process_plan
-from r2bspec.execute.bringup.creation_faults import not_created, not_loaded
 from r2bspec.execute.bringup.launcher import Launcher
+from r2bspec.execute.bringup.node_faults import not_created, not_loaded
 from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.errors import GraphDifferencesError, ProcessDiedError
 from r2bspec.language.spec import Container

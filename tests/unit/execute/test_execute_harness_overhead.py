@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement.harness_overhead import HarnessOverhead, overhead_record
+from r2bspec.execute.start.harness_overhead import HarnessOverhead, overhead_record
 from r2bspec.ipc import protocol
 from r2bspec.ipc.schedule import CyclicSchedule
 from r2bspec.language.spec import QoS

@@ -11,8 +11,8 @@ import msgspec
 import pytest
 
 from r2bspec.execute.measurement.measurement import Measurement
-from r2bspec.execute.measurement.segments import SegmentHeading
 from r2bspec.execute.run_context import TimeBudget
+from r2bspec.execute.start.segments import SegmentHeading
 from r2bspec.judge.verdict import (
     EXIT_CODES,
     DisturbedIteration,
@@ -99,11 +99,13 @@ class Run:
 
     Attributes:
         starts: what was played in each start.
+        confirming: how many of them confirm a failure.
         budget: of the run.
     """
 
     def __init__(self, verdicts: Sequence[Verdict], plan: Plan = PLAN, budget_ns: int = 0) -> None:
-        self.starts = [Played()]
+        self.starts: list[Played] = []
+        self.confirming = 0
         self.budget = TimeBudget(budget_ns, lambda _: None)
         self._verdicts = iter(verdicts)
         context = SimpleNamespace(
@@ -112,17 +114,14 @@ class Run:
             note=lambda _: None,
             states=SimpleNamespace(enter=lambda *_: None),
         )
+        starts = SimpleNamespace(begin=self._begin, find_foreign_publishers=lambda: False)
         self.measurement = Measurement(
-            plan,
-            cast("Any", self.starts[0]),
-            cast("Any", context),
-            lambda: next(self._verdicts),
-            self._next_start,
+            plan, cast("Any", context), cast("Any", starts), lambda _: next(self._verdicts)
         )
 
-    def _next_start(self) -> Any:
-        assert self.measurement.plan.starts > 1
+    def _begin(self, *, confirms: bool) -> Any:
         self.starts.append(Played())
+        self.confirming += confirms
         return self.starts[-1]
 
     def measure(self) -> Run:
@@ -149,15 +148,21 @@ def iterate(verdicts: Sequence[Verdict], budget_ns: int = 0) -> tuple[list[str],
 FIRST_LOOK = ["001", "002"]
 
 
-@pytest.mark.parametrize("outcome", ["pass", "fail"])
-def test_what_is_decided_is_not_played_again_however_disturbed(outcome: Outcome) -> None:
-    assert iterate([found(outcome, busy(1), busy(2))])[0] == FIRST_LOOK
+def test_what_is_decided_is_not_played_again_however_disturbed() -> None:
+    assert iterate([found("pass", busy(1), busy(2))])[0] == FIRST_LOOK
+
+
+@pytest.mark.parametrize("confirmed", ["pass", "fail"])
+def test_a_failure_is_confirmed_in_a_new_start_by_as_many_iterations(confirmed: Outcome) -> None:
+    run = Run([found("fail", busy(1)), found(confirmed, busy(2))]).measure()
+    assert run.played() == [FIRST_LOOK, FIRST_LOOK]
+    assert run.confirming == 1
 
 
 def test_what_a_failure_hangs_on_is_played_again_once() -> None:
     hanging = found("inconclusive", busy(1), weakened=True)
     again = busy(1, rerun="rate-30Hz-001-again")
-    assert iterate([hanging, found("fail", again)])[0] == [*FIRST_LOOK, "001-again"]
+    assert iterate([hanging, found("inconclusive", again)])[0] == [*FIRST_LOOK, "001-again"]
     # While the run goes on, nothing is played again: what comes next may be calm.
     open_ = found("inconclusive", busy(1))
     hanging = found("inconclusive", busy(1), busy(4), weakened=True)
@@ -211,6 +216,7 @@ def test_each_start_plays_its_part(plan: Plan, verdicts: str, played: str) -> No
 
 
 def test_a_confirmation_plays_as_many_starts_as_decide_it() -> None:
-    run = Run([found("inconclusive"), found("fail")], plan_of(4, 2, 16))
-    run.measurement.measure_confirmation(frozenset({"exact binomial"}), 6, None)
-    assert [len(start) for start in run.played()] == [2] * 6
+    looks = [found("inconclusive"), found("fail"), found("inconclusive"), found("fail")]
+    run = Run(looks, plan_of(4, 2, 16)).measure()
+    assert [len(start) for start in run.played()] == [2] * 12
+    assert run.confirming == 6

@@ -10,8 +10,13 @@ import pytest
 
 from plans import process_plan
 from r2bspec.execute.errors import ProfilerError
-from r2bspec.execute.profiled_iteration import profiled_processes, profiled_rate
-from r2bspec.execute.profilers import Profiler, find_profiler, require_usable
+from r2bspec.execute.measurement.extra_iteration import (
+    Profiler,
+    find_profiler,
+    profiled_processes,
+    profiled_rate,
+    require_usable,
+)
 from r2bspec.extras import install_command
 from r2bspec.plan.plan import Plan, PlayPlan, ProcessPlan
 from run_simulation import Played, Simulation

@@ -14,9 +14,9 @@ import msgspec
 import pytest
 
 from plans import process_plan
-from r2bspec.execute.bringup.graph_matching import EarlyDiagnosis
-from r2bspec.execute.bringup.observe_graph import GraphFacts
 from r2bspec.execute.bringup.readiness import IdleNodes, LogSearch, StartDeadline, all_answer
+from r2bspec.execute.diagnose.diagnosis import EarlyDiagnosis
+from r2bspec.execute.diagnose.facts import GraphFacts
 from r2bspec.ipc.protocol import ParameterLists
 from r2bspec.language.quantities import Duration
 from r2bspec.safe_io.line_pattern import PatternError, compile_line_pattern

@@ -11,17 +11,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.measurement import segment_observation
-from r2bspec.execute.measurement.segment_observation import (
+from r2bspec.execute.start import segment_observation
+from r2bspec.execute.start.segment_observation import (
     DrainTimer,
     Outstanding,
     ProgressView,
     output_stopped,
     outstanding_answers,
 )
-from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
-from r2bspec.ipc.sample_files import RowWriter
+from r2bspec.ipc.sample_files import ARRIVAL_FIELDS, ArrivalReader, RowWriter
 from r2bspec.judge.measure.matching import MatchedMonitor, match, match_monitor
 from r2bspec.record.sample_arrays import MONITOR_DTYPE, MONITOR_FIELDS, PLAYBACK_FIELDS
 from run_simulation import MONITOR_PLAN, Played, monitor_rows, playback_rows

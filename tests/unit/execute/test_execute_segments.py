@@ -13,8 +13,8 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from r2bspec.execute.measurement.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.execute.processes.resources import ResourceSampler
+from r2bspec.execute.start.segments import PLAYBACK_ROWS, SegmentHeading, SegmentPlayer
 from r2bspec.ipc import protocol
 from r2bspec.ipc.sample_files import RowWriter
 from r2bspec.ipc.schedule import CyclicSchedule

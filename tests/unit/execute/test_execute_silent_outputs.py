@@ -10,7 +10,7 @@ import pytest
 
 from graph_facts import graph, topic
 from r2bspec.execute.errors import DeadInputError, RunError
-from r2bspec.execute.silent_outputs import SilentOutputs
+from r2bspec.execute.start.silent_outputs import SilentOutputs
 from run_simulation import monitor_plan, segment_of
 
 
@@ -23,13 +23,13 @@ def stopped(late: int = 0, **inputs: int) -> SilentOutputs:
         plan=SimpleNamespace(inputs=("in",), called={}),
         observer=observer,
         supervisor=None,
+        note=lambda _: None,
     )
     player: Any = SimpleNamespace(
         play_unrecorded=lambda *_: None, discard_new_rows=lambda: {"out": late}
     )
-    context: Any = SimpleNamespace(note=lambda _: None)
     nobody: Any = None
-    return SilentOutputs(observed, context, Path(), nobody, player)
+    return SilentOutputs(observed, Path(), nobody, player)
 
 
 def test_silence_that_begins_at_the_input_ends_the_run_as_invalid() -> None:

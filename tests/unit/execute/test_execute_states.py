@@ -15,9 +15,8 @@ from pathlib import Path
 import pytest
 
 from r2bspec.execute.errors import InterruptedRunError
-from r2bspec.execute.progress import Progress
 from r2bspec.execute.run_context import TimeBudget
-from r2bspec.execute.states import NEXT, Interrupts, PhaseClock, RunState, RunStates
+from r2bspec.execute.states import NEXT, Interrupts, PhaseClock, Progress, RunState, RunStates
 
 PAGE = Path(__file__).parents[3] / "docs" / "execution.md"
 

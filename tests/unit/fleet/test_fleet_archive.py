@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from r2bspec.fleet import archive
-from r2bspec.fleet.errors import ArchiveError
+from r2bspec.fleet.archive import ArchiveError
 
 
 def test_a_folder_arrives_with_its_files_and_without_links(tmp_path: Path) -> None:

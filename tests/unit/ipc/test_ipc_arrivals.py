@@ -8,8 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from r2bspec.ipc.arrivals import ARRIVAL_FIELDS, ArrivalReader, ClockOffsetTracker, arrival_times
-from r2bspec.ipc.sample_files import RowWriter
+from r2bspec.ipc.sample_files import (
+    ARRIVAL_FIELDS,
+    ArrivalReader,
+    ClockOffsetTracker,
+    RowWriter,
+    arrival_times,
+)
 from r2bspec.record.sample_arrays import MONITOR_FIELDS
 
 MS = 1_000_000

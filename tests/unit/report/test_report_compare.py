@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from r2bspec.compare.comparison import Comparison, ComparisonLine, compare, read_compared_result
-from r2bspec.compare.errors import IncomparableError, UnreadableResultError
+from r2bspec.compare.report_input import UnreadableResultError
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.judge_run import to_json as result_json
 from r2bspec.judge.measure.distribution import Distribution
 from r2bspec.judge.measure.metrics import SegmentMetrics, distribution
-from r2bspec.plan.comparability import PlanDifference, brief_difference
+from r2bspec.plan.comparability import IncomparableError, PlanDifference, brief_difference
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import SearchRecord
 from r2bspec.report.comparison_formats import to_json, to_markdown, to_text

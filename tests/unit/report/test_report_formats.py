@@ -13,8 +13,7 @@ import msgspec
 import pytest
 from jsonschema import Draft202012Validator
 
-from r2bspec.compare.errors import SamplesMissingError
-from r2bspec.compare.report_input import ReportInput
+from r2bspec.compare.report_input import ReportInput, SamplesMissingError
 from r2bspec.judge.judge_run import from_json, result_of, to_json
 from r2bspec.record.run_folder import Run
 from r2bspec.report.format_registry import FORMATS, renderer

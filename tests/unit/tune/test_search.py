@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from r2bspec.tune.proposals import Proposals
 from r2bspec.tune.search import Found, Search, SearchLimits
-from r2bspec.tune.space import Combination, Space
+from r2bspec.tune.space import Combination, Proposals, Space
 from r2bspec.tune.tuning_result import Proof, Start, StartOutcome
 
 SPACE = Space({"graph.a": (1, 2), "graph.b": (1,), "graph.c": (1,)})

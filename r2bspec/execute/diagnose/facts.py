@@ -19,17 +19,13 @@ import msgspec
 
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
-from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.protocol import Endpoint, QosMismatch, weakest_offer
-from r2bspec.ipc.sample_files import RowReader
+from r2bspec.ipc.sample_files import ArrivalReader, RowReader
 from r2bspec.middleware.middleware import RMW_VARIABLE, middleware_of
-from r2bspec.plan.plan import MonitorPlan, Plan, TopicPlan
+from r2bspec.plan.plan import HARNESS_PARTS, MonitorPlan, Plan, TopicPlan
 from r2bspec.plan.taps import all_taps
 from r2bspec.plan.wiring.name_resolution import NODE_TOPICS
 from r2bspec.record.sample_arrays import MONITOR_FIELDS
-
-HARNESS = ("loader", "player", "monitor")
-"""The names of the parts of the harness in plans; every other name is the full name of a node."""
 
 TRACE_RATE_HZ = 10.0
 TRACE_STEPS = 10
@@ -142,7 +138,7 @@ class GraphFacts:
         by_node: dict[str, dict[str, None]] = {}
         for name, topic in sorted(self.topics.items()):
             for owner in (*topic.publisher_nodes, *topic.subscriber_nodes):
-                if owner not in HARNESS:
+                if owner not in HARNESS_PARTS:
                     by_node.setdefault(owner, {})[name] = None
         if node in by_node:
             return tuple(by_node[node])
@@ -179,7 +175,9 @@ def gather_facts(
             planned_subscribers=topic.readers,
             publishers=tuple(map(_with_plan_name, discovered.writers.get(name, ()))),
             subscriptions=tuple(
-                end for end in subscriptions if end.node not in HARNESS or end.node in topic.readers
+                end
+                for end in subscriptions
+                if end.node not in HARNESS_PARTS or end.node in topic.readers
             ),
             qos_mismatches=tuple(
                 QosMismatch(_plan_name(pair.writer), _plan_name(pair.reader), name, pair.why)
@@ -200,7 +198,7 @@ def gather_facts(
 def _plan_name(node: str) -> str:
     """The name of a node in the plan: of a part of the harness its role."""
     role = node.removeprefix("/r2bspec/")
-    return role if role in HARNESS else node
+    return role if role in HARNESS_PARTS else node
 
 
 def _with_plan_name(end: Endpoint) -> Endpoint:

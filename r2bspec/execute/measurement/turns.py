@@ -22,8 +22,8 @@ import msgspec
 import numpy as np
 
 from r2bspec.execute.errors import InterruptedRunError
-from r2bspec.execute.measurement.segment_observation import SegmentObservation
-from r2bspec.execute.measurement.segments import SegmentHeading, SegmentPlayer
+from r2bspec.execute.start.segment_observation import SegmentObservation
+from r2bspec.execute.start.segments import SegmentHeading, SegmentPlayer
 from r2bspec.ipc.schedule import Turns
 from r2bspec.judge.measure.matching import MatchedMonitor
 from r2bspec.judge.measure.times import Seconds, seconds

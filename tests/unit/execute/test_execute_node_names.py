@@ -8,10 +8,8 @@ from typing import Any
 import pytest
 
 from plans import node_plan
-from r2bspec.execute.bringup import spec_mismatches
-from r2bspec.execute.bringup.find_fault import NO_OUTPUT, NO_PUBLISHER, NO_SUBSCRIPTION, _fault
-from r2bspec.execute.bringup.graph_matching import graph_mismatches, related_differences
-from r2bspec.execute.bringup.spec_mismatches import (
+from r2bspec.execute.bringup import node_faults
+from r2bspec.execute.bringup.node_faults import (
     RemappedTopic,
     find_unmatched,
     is_typing_error,
@@ -19,6 +17,8 @@ from r2bspec.execute.bringup.spec_mismatches import (
     undeclared,
     unmatched_remappings,
 )
+from r2bspec.execute.diagnose.diagnosis import graph_mismatches, related_differences
+from r2bspec.execute.diagnose.first_fault import NO_OUTPUT, NO_PUBLISHER, NO_SUBSCRIPTION, _fault
 from r2bspec.execute.errors import GraphDifferencesError
 from r2bspec.ipc import protocol
 from r2bspec.ipc.protocol import ParameterLists, Ready
@@ -56,7 +56,7 @@ def test_a_remapping_that_changed_nothing_ends_no_run_by_itself() -> None:
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Names may come later; here, all come at once."""
-    monkeypatch.setattr(spec_mismatches, "_PATIENCE_S", 0.05)
+    monkeypatch.setattr(node_faults, "_PATIENCE_S", 0.05)
 
 
 class Answers:

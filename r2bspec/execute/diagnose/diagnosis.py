@@ -1,96 +1,44 @@
-"""Whether all planned endpoints are matched, and the end of a start in which they never will be.
+"""Why the graph of a phase is not ready, or gives no output: the error, and when it is certain.
 
-The subscriptions of the monitor are created when their quality of service is known. The graph is
-ready when every planned endpoint is matched, and then both sides must have discovered each other.
-At the deadline, the error names the endpoints that are not.
-
-Before the deadline the graph is observed once a second while endpoints are missing. A fault is
-certain if `r2bspec.execute.bringup.find_fault` finds it, and if the graph has not changed
-since `_UNCHANGED_S`: until then a node may still create or replace endpoints. A graph that has not
-changed for longer, and whose nodes are idle (`r2bspec.execute.bringup.readiness`), is stalled.
+A fault is what `r2bspec.execute.diagnose.first_fault` finds on the path of the messages. Before the
+deadline of a start it is certain if the graph has not changed since `_UNCHANGED_S`: until then a
+node may still create or replace endpoints. A graph that has not changed for longer, and whose nodes
+are idle (`r2bspec.execute.bringup.readiness`), is stalled.
 """
 
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 
 import msgspec
 
-from r2bspec.execute.bringup import find_fault
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.lifecycle import LifecycleNodes
-from r2bspec.execute.bringup.observe_graph import HARNESS, GraphFacts, GraphObserver
-from r2bspec.execute.bringup.readiness import IdleNodes, StartDeadline, patience_s
-from r2bspec.execute.bringup.spec_mismatches import (
+from r2bspec.execute.bringup.node_faults import (
     RemappedTopic,
     find_undeclared,
     find_unmatched,
     spins_nodes,
     unmatched_remapping,
 )
+from r2bspec.execute.bringup.readiness import patience_s
+from r2bspec.execute.diagnose import first_fault
+from r2bspec.execute.diagnose.facts import GraphFacts, GraphObserver
 from r2bspec.execute.errors import GraphDifferencesError, NotReadyError, RunError
-from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
-from r2bspec.ipc import protocol
-from r2bspec.ipc.protocol import weakest_offer
+from r2bspec.execute.processes.supervisor import ProcessSupervisor
 from r2bspec.plan.command_lines import has_planned_name
-from r2bspec.plan.plan import MonitorPlan, Plan
+from r2bspec.plan.plan import Plan
 from r2bspec.plan.wiring.name_resolution import expand
 from r2bspec.record.run_record import Difference
 
 _NO_FAULT = "publishers and subscriptions are matched, and no fault was found"
 
-EndpointKey = tuple[str, str, str]
-"""An endpoint: topic, type, and ``publishes`` or ``subscribes``."""
-
-_POLL_S = 0.02
-_MAX_DISCOVERY_S = 5.0
-
 _LOOK_S = 1.0
 _UNCHANGED_S = 4.0
 """A node creates its endpoints one after another, usually within milliseconds; on a busy machine
 discovery may show them seconds apart."""
-
-
-@dataclass
-class MonitorSubscriptions:
-    """Subscribes the monitor; a topic without a QoS waits until its publisher is discovered.
-
-    Attributes:
-        supervisor: all processes.
-        monitor: has been configured.
-        waiting: the topics that it has not subscribed to yet.
-    """
-
-    supervisor: ProcessSupervisor
-    monitor: ManagedProcess
-    waiting: tuple[MonitorPlan, ...]
-
-    def update(self) -> None:
-        """Subscribe to what can be subscribed to now.
-
-        Raises:
-            RunError: a process does not respond, or exited.
-        """
-        topics = tuple(monitor.topic for monitor in self.waiting if monitor.qos is None)
-        writers: Mapping[str, tuple[protocol.Endpoint, ...]] = {}
-        if topics:
-            command = protocol.Discover(topics=topics)
-            writers = self.supervisor.ask_observer(command, protocol.Discovered).writers
-        ready = tuple(
-            msgspec.structs.replace(
-                monitor, qos=monitor.qos or weakest_offer(writers[monitor.topic])
-            )
-            for monitor in self.waiting
-            if monitor.qos is not None or writers[monitor.topic]
-        )
-        names = {monitor.name for monitor in ready}
-        self.waiting = tuple(monitor for monitor in self.waiting if monitor.name not in names)
-        if ready:
-            subscribe = protocol.Subscribe(monitors=ready)
-            self.supervisor.request(self.monitor, subscribe, protocol.Matched)
 
 
 @dataclass(frozen=True)
@@ -111,64 +59,10 @@ class PhaseGraph:
     launcher: Launcher
     note: Callable[[str], None]
 
-    def wait_until_matched(
-        self,
-        expected_matches: Mapping[ManagedProcess, Mapping[str, int]],
-        deadline: StartDeadline,
-        subscribe: Callable[[], None] = lambda: None,
-    ) -> None:
-        """Wait until the endpoints of the harness are matched; says once what is missing.
-
-        Args:
-            expected_matches: for each harness process, its topics, and with how many endpoints of
-                other processes each must be matched.
-            deadline: of the start.
-            subscribe: to what could not be subscribed to before.
-
-        Raises:
-            GraphDifferencesError: an endpoint is not matched, and never will be.
-            NotReadyError: an endpoint is not matched at the deadline, or the nodes are idle, for
-                another reason.
-        """
-        idle = IdleNodes(self.plan, self.phase, self.supervisor)
-        diagnosis = EarlyDiagnosis(
-            self.plan,
-            self.remapped_topics(),
-            lambda: self.observer.look(),
-            idle_s=idle.update,
-            answer=idle.answer,
-            never_active=self.lifecycle.never_active,
-        )
-        told = False
-        while True:
-            subscribe()
-            missing: dict[str, tuple[int, int]] = {}
-            for child, topics in expected_matches.items():
-                counts = self.supervisor.request(
-                    child, protocol.CountMatches(), protocol.Matched
-                ).counts
-                missing |= {
-                    topic: (counts.get(topic, 0), count)
-                    for topic, count in topics.items()
-                    if counts.get(topic, 0) < count
-                }
-            if not missing:
-                # Those of which something in the graph has changed the states.
-                self.launcher.describe_lifecycle_nodes()
-                return
-            certain = diagnosis.certain(missing)
-            if certain or diagnosis.stalled_s or deadline.over:
-                raise self._not_ready_error(missing, certain, diagnosis.stalled_s)
-            if diagnosis.facts is not None and not told:
-                told = True
-                faults = _faults_of(diagnosis.facts, missing)
-                self.note(f"not ready so far: {'; '.join(fault.message for fault in faults)}")
-            self.supervisor.pump(_POLL_S)
-
     @property
     def lifecycle(self) -> LifecycleNodes:
         """The lifecycle nodes of the graph."""
-        return LifecycleNodes(self)
+        return LifecycleNodes(self.plan, self.phase, self.supervisor, self.note)
 
     @property
     def observer(self) -> GraphObserver:
@@ -178,7 +72,7 @@ class PhaseGraph:
         known = tuple(each for each in self.launcher.endpoints if each[0] in nodes)
         return GraphObserver(self.supervisor, plan, phase, known)
 
-    def _not_ready_error(
+    def not_ready_error(
         self, missing: Mapping[str, tuple[int, int]], certain: Collection[str], stalled_s: float
     ) -> RunError:
         """The error that names the first fault on each path.
@@ -208,7 +102,7 @@ class PhaseGraph:
             )
         return self.error(
             facts,
-            _faults_of(facts, missing),
+            faults_of(facts, missing),
             [topic for topic in missing if topic not in facts.inputs] or missing,
             f"the {self.phase} graph {state} ({counted})",
             hint,
@@ -254,13 +148,13 @@ class PhaseGraph:
         sentences = sentences or [_NO_FAULT]
         also = related_differences(faults, known) if names_related else ""
         path = dict.fromkeys(
-            name for topic in silent for name in find_fault.full_path(facts, topic)
+            name for topic in silent for name in first_fault.full_path(facts, topic)
         )
 
         def text(said: Collection[str] = ()) -> str:
             left = "; ".join(sentence for sentence in sentences if sentence not in said) + also
             head = f"{state}: {left.removeprefix('; ')}" if left else state
-            return "\n".join([head, *find_fault.path_lines(facts, path)])
+            return "\n".join([head, *first_fault.path_lines(facts, path)])
 
         if not differences:
             return otherwise(text(), hint=waiting[0].difference.help if waiting else hint)
@@ -275,7 +169,7 @@ class PhaseGraph:
         A mismatch of two existing endpoints persists. A missing endpoint persists once its node
         has been created; nodes of others, which may own it, may still create it.
         """
-        if fault.code in find_fault.NEVER_MATCHED:
+        if fault.code in first_fault.NEVER_MATCHED:
             return True
         has_external = any(node.phase == self.phase for node in self.plan.external)
         is_unknown = not fault.owner.startswith("/")
@@ -335,67 +229,15 @@ class PhaseGraph:
         rules = [rule for rule in self.remapped_topics() if rule.topic in topics]
         self.launcher.differences += [
             unmatched_remapping(rule.node, rule.before, rule.topic, facts.topics_of(rule.node))
-            for rule in find_fault.unmatched(facts, rules)
+            for rule in first_fault.unmatched(facts, rules)
             if (rule.node, rule.before) not in known
         ]
 
-    def subscription_counts(self, topics: Iterable[str]) -> dict[str, int]:
-        """How many subscriptions topics have among the Python nodes that have been started."""
-        subscribed = Counter(
-            topic for _, topic, _, does in self.launcher.endpoints if does == "subscribes"
-        )
-        return {topic: subscribed[topic] for topic in topics}
 
-    def expected_subscriptions(self, topic: str) -> int:
-        """How many subscriptions a topic of the harness must match: the planned, at least one."""
-        nodes = {
-            node
-            for planned in self.plan.topics
-            if planned.name == topic and planned.phase == self.phase
-            for node in planned.readers
-        }
-        return max(1, len(nodes - {*HARNESS}))
-
-    def wait_for_mutual_discovery(self, harness_endpoints: Iterable[EndpointKey]) -> None:
-        """Wait until the nodes and the harness have discovered each other from both sides.
-
-        A publisher may have discovered a subscription that has not yet discovered the publisher;
-        messages published in this time are lost. The wait is bounded by `_MAX_DISCOVERY_S`: some
-        pairs never match, for example those with incompatible QoS.
-
-        Args:
-            harness_endpoints: the harness's own endpoints, as (topic, type, ``publishes`` or
-                ``subscribes``).
-        """
-        launcher, supervisor = self.launcher, self.supervisor
-        of_nodes = ((topic, kind, does) for _, topic, kind, does in launcher.endpoints)
-        opposite = {"publishes": "subscribes", "subscribes": "publishes"}
-        counterparts = Counter(
-            (topic, kind, opposite[does]) for topic, kind, does in (*of_nodes, *harness_endpoints)
-        )
-        deadline = time.monotonic() + _MAX_DISCOVERY_S
-        undiscovered = {
-            child: {(*end,) for node, *end in launcher.endpoints if node in nodes}
-            for child, nodes in launcher.hosts.items()
-        }
-        with supervisor.waiting("nodes: discovery of the harness"):
-            while any(undiscovered.values()) and time.monotonic() < deadline:
-                for child, waiting in undiscovered.items():
-                    if waiting:
-                        found = supervisor.request(child, protocol.CountMatches(), protocol.Matched)
-                        counts = {"publishes": found.counts, "subscribes": found.publisher_counts}
-                        waiting -= {
-                            (topic, kind, does)
-                            for topic, kind, does in waiting
-                            if counts[does].get(topic, 0) >= counterparts[topic, kind, does]
-                        }
-                supervisor.pump(_POLL_S)
-
-
-def _faults_of(facts: GraphFacts, missing: Iterable[str]) -> tuple[Difference, ...]:
+def faults_of(facts: GraphFacts, missing: Iterable[str]) -> tuple[Difference, ...]:
     """The faults of topics whose endpoints are not matched, inputs or not."""
     inputs = [topic for topic in missing if topic in facts.inputs]
-    return find_fault.find_faults(
+    return first_fault.find_faults(
         facts, [topic for topic in missing if topic not in inputs], inputs
     )
 
@@ -415,7 +257,7 @@ def graph_mismatches(
         launch_differences: found when the nodes were created.
         is_permanent: whether a fault persists; only these are differences.
     """
-    faults = [fault for fault in faults if fault.code != find_fault.NO_OUTPUT]
+    faults = [fault for fault in faults if fault.code != first_fault.NO_OUTPUT]
     missing = {fault.name for fault in faults}
     causes = [
         msgspec.structs.replace(difference, harmless=False)
@@ -493,5 +335,5 @@ class EarlyDiagnosis:
         self.facts = facts
         if quiet_s >= self._patience_s and self.answer():
             self.stalled_s = unchanged_s
-        certain = find_fault.certain_topics(facts, missing, self.remapped)
+        certain = first_fault.certain_topics(facts, missing, self.remapped)
         return certain or self.never_active(missing)

@@ -20,7 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.execute.errors import RunError
-from r2bspec.execute.measurement.segment_observation import (
+from r2bspec.execute.processes.supervisor import ManagedProcess
+from r2bspec.execute.run_context import RunContext
+from r2bspec.execute.start.segment_observation import (
     DRAIN_POLL_S,
     DrainTimer,
     ProgressView,
@@ -32,12 +34,9 @@ from r2bspec.execute.measurement.segment_observation import (
     outstanding_answers,
     watch_s,
 )
-from r2bspec.execute.processes.supervisor import ManagedProcess
-from r2bspec.execute.run_context import RunContext
 from r2bspec.ipc import protocol
-from r2bspec.ipc.arrivals import ArrivalReader, read_clocks
 from r2bspec.ipc.playback_file import PlaybackReader
-from r2bspec.ipc.sample_files import RowReader, StallLogReader
+from r2bspec.ipc.sample_files import ArrivalReader, RowReader, StallLogReader, read_clocks
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule, Turns
 from r2bspec.judge.measure.matching import StepStamps
 from r2bspec.judge.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples, work_of_steps
@@ -97,7 +96,6 @@ class SegmentPlayer:
 
     Attributes:
         segments: all that have been played.
-        last_observation: of the segment that was played last.
         samples: of the segments that are judged, by id, without those of processes and the host.
         schedule: of the player; without steps if there is none.
         on_output_stopped: is called once for each monitor whose output stops, after the segment.
@@ -148,7 +146,6 @@ class SegmentPlayer:
         self._reported_outputs: set[str] = set()
         self.on_output_stopped: Callable[[Segment, MonitorPlan], None] = lambda _, __: None
         self.segments: list[Segment] = []
-        self.last_observation: SegmentObservation | None = None
         self.samples: dict[str, SegmentSamples] = {}
         self._stamps: list[NDArray[np.int64]] = []
         # The process of each clock that the player reads, by its index in the record.
@@ -200,7 +197,6 @@ class SegmentPlayer:
                     monitor_held_ns=self._stall_log.between(began_ns, time.monotonic_ns()),
                 )
         self._detect_stopped_outputs(heading.kind, observation)
-        self.last_observation = observation
         return observation
 
     def watch_work(self, processes: Mapping[int, Sequence[int]]) -> None:

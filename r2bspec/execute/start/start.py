@@ -34,24 +34,31 @@ from typing import Any
 from r2bspec.execute import errors
 from r2bspec.execute.anatomy import AnatomyObservation
 from r2bspec.execute.bringup import harness_processes, readiness
-from r2bspec.execute.bringup.creation_faults import not_created, not_made
-from r2bspec.execute.bringup.graph_matching import MonitorSubscriptions, PhaseGraph
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
-from r2bspec.execute.bringup.observe_graph import foreign_publishers, guarded_topics
+from r2bspec.execute.bringup.node_faults import not_created, not_made
 from r2bspec.execute.build_schedule import build_call_timeline, build_schedule
-from r2bspec.execute.measurement.harness_overhead import HarnessOverhead, can_be_measured
-from r2bspec.execute.measurement.segments import (
-    PLAYBACK_ROWS,
-    LiveSegmentWatcher,
-    SegmentHeading,
-    SegmentPlayer,
+from r2bspec.execute.diagnose.diagnosis import PhaseGraph
+from r2bspec.execute.diagnose.facts import foreign_publishers, guarded_topics
+from r2bspec.execute.graph_matching import (
+    MonitorSubscriptions,
+    expected_subscriptions,
+    subscription_counts,
+    wait_for_mutual_discovery,
+    wait_until_matched,
 )
 from r2bspec.execute.processes.prerequisites import built
 from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.scheduling import apply_when_ready
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
-from r2bspec.execute.silent_outputs import SilentOutputs
+from r2bspec.execute.start.harness_overhead import HarnessOverhead, can_be_measured
+from r2bspec.execute.start.segments import (
+    PLAYBACK_ROWS,
+    LiveSegmentWatcher,
+    SegmentHeading,
+    SegmentPlayer,
+)
+from r2bspec.execute.start.silent_outputs import SilentOutputs
 from r2bspec.execute.states import RunState
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import TF_STATIC, buffered_transforms
@@ -216,7 +223,7 @@ class Session:
             anatomy=self.anatomy,
         )
         silent_outputs = self._silent_outputs = SilentOutputs(
-            self._graph, self._context, self.rows_dir, monitor, segment_player
+            self._graph, self.rows_dir, monitor, segment_player
         )
         with deadline.paused():
             self._wait_until_ready()
@@ -438,18 +445,18 @@ class Session:
             with supervisor.waiting("services: found"):
                 readiness.wait_for_services(supervisor, caller, deadline)
         if player is not None and plan.inputs:
-            transforms = self._graph.subscription_counts(buffered_transforms(self._buffer_dir))
+            transforms = subscription_counts(self._graph, buffered_transforms(self._buffer_dir))
             if TF_STATIC in transforms:
                 expected[observer] = {TF_STATIC: transforms.pop(TF_STATIC)}
             expected[player] = transforms | {
-                source.topic: self._graph.expected_subscriptions(source.topic)
+                source.topic: expected_subscriptions(self._graph, source.topic)
                 for source in plan.inputs
             }
         with supervisor.waiting("endpoints: matched"):
-            self._graph.wait_until_matched(expected, deadline, subscriptions.update)
+            wait_until_matched(self._graph, expected, deadline, subscriptions.update)
         ends = [(source.topic, source.type, "publishes") for source in plan.inputs]
         ends += [(watch.topic, watch.type, "subscribes") for watch in monitors]
-        self._graph.wait_for_mutual_discovery(ends)
+        wait_for_mutual_discovery(self._graph, ends)
 
     def _start_caller(self, player: ManagedProcess) -> ManagedProcess:
         """The process that calls services: the player, or one that follows its steps.

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from r2bspec.execute.bringup.find_fault import (
+from r2bspec.execute.diagnose.facts import TRACE_RATE_HZ, TRACE_STEPS, GraphFacts
+from r2bspec.execute.diagnose.first_fault import (
     NEVER_MATCHED,
     NO_OUTPUT,
     certain_topics,
@@ -20,16 +21,14 @@ from r2bspec.execute.bringup.find_fault import (
     full_path,
     path_lines,
 )
-from r2bspec.execute.bringup.observe_graph import TRACE_RATE_HZ, TRACE_STEPS, GraphFacts
 from r2bspec.execute.errors import DeadInputError, NoOutputError
 from r2bspec.execute.processes.supervisor import ManagedProcess
-from r2bspec.execute.run_context import RunContext
 from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_record import Difference, OutputGapRecord, Segment
 
 if TYPE_CHECKING:
-    from r2bspec.execute.bringup.graph_matching import PhaseGraph
-    from r2bspec.execute.measurement.segments import SegmentPlayer
+    from r2bspec.execute.diagnose.diagnosis import PhaseGraph
+    from r2bspec.execute.start.segments import SegmentPlayer
 
 
 @dataclass
@@ -46,7 +45,6 @@ class SilentOutputs:
     """
 
     graph: PhaseGraph
-    context: RunContext
     rows_dir: Path
     monitor: ManagedProcess
     segment_player: SegmentPlayer
@@ -73,7 +71,7 @@ class SilentOutputs:
         if unanswered:
             said = f"no answer that counts for {', '.join(unanswered)}"
             if not final:
-                self.context.note(f"{said} so far")
+                self.graph.note(f"{said} so far")
                 return
             target = plan.called[unanswered[0]].target
             callers = (process.name for process in plan.processes if process.role == "caller")
@@ -92,9 +90,9 @@ class SilentOutputs:
             found = [each.difference.message for each in graph.lifecycle.waiting(topics)]
             found += [fault.message for fault in faults]
             sentences = "; ".join(found) or "no fault was found yet"
-            self.context.note(f"no messages on {', '.join(topics)} so far: {sentences}")
+            self.graph.note(f"no messages on {', '.join(topics)} so far: {sentences}")
             if self.unpaired:
-                self.context.note(self.unpaired)
+                self.graph.note(self.unpaired)
             return
         graph.add_unmatched_remappings(facts, lacking)
         hint = "All nodes run, but the source, or a node after it, publishes nothing."
@@ -138,12 +136,12 @@ class SilentOutputs:
         """
         if plan.name in self.graph.plan.called:
             reason = "it has stopped answering"
-            self.context.note(f"{plan.topic}: {reason}")
+            self.graph.note(f"{plan.topic}: {reason}")
             self.records.append(
                 OutputGapRecord(segment=segment.id, topic=plan.topic, reason=reason, late=0, way=())
             )
             return
-        self.context.note(f"no more messages on {plan.topic}: tracing the path")
+        self.graph.note(f"no more messages on {plan.topic}: tracing the path")
         facts = self._trace()
         faults = find_faults(facts, [plan.topic])
         reason = "; ".join(fault.message for fault in faults)
@@ -156,7 +154,7 @@ class SilentOutputs:
                 f"{late:,} of the missing outputs came while the path was traced: they are late, "
                 "not lost, and 'benchmark.drain_timeout' is too short for them"
             )
-        self.context.note(reason)
+        self.graph.note(reason)
         way = path_lines(facts, full_path(facts, plan.topic))
         self.records.append(
             OutputGapRecord(

@@ -17,9 +17,10 @@ from collections.abc import Collection, Iterable, Iterator
 from typing import Final
 
 from r2bspec.diagnostics import did_you_mean
-from r2bspec.execute.bringup.observe_graph import HARNESS, GraphFacts, TopicFacts
-from r2bspec.execute.bringup.spec_mismatches import RemappedTopic
+from r2bspec.execute.bringup.node_faults import RemappedTopic
+from r2bspec.execute.diagnose.facts import GraphFacts, TopicFacts
 from r2bspec.ipc.protocol import Endpoint
+from r2bspec.plan.plan import HARNESS_PARTS
 from r2bspec.plan.wiring.name_resolution import SHARED_TOPICS
 from r2bspec.record.run_record import Difference
 
@@ -50,7 +51,7 @@ def path_to(facts: GraphFacts, silent: str) -> tuple[str, ...]:
     upstream = {silent}
     pending = [silent]
     for topic in pending:
-        for node in sorted(facts.topic(topic).all_publishers - {*HARNESS}):
+        for node in sorted(facts.topic(topic).all_publishers - {*HARNESS_PARTS}):
             for name in facts.topics_subscribed_by(node):
                 if name not in upstream:
                     upstream.add(name)
@@ -72,7 +73,7 @@ def _reachable_topics(facts: GraphFacts) -> list[str]:
     """The topics that messages can reach, in the order of the message flow."""
     reached = sorted(facts.inputs)
     for topic in reached:
-        nodes = facts.topics[topic].all_subscribers - {*HARNESS}
+        nodes = facts.topics[topic].all_subscribers - {*HARNESS_PARTS}
         reached += sorted(
             name
             for name, planned_topic in facts.topics.items()
@@ -107,7 +108,7 @@ def _fault_at(
     readers = sorted(
         node
         for node in topic.all_subscribers
-        if (topic.name == silent if node in HARNESS else node in onward)
+        if (topic.name == silent if node in HARNESS_PARTS else node in onward)
     )
     fault = _mismatch(topic, readers)
     if fault is None and topic.passed == 0 and facts.played:
@@ -137,7 +138,7 @@ def _no_publisher(facts: GraphFacts, topic: TopicFacts) -> Difference:
         sentence += f"; the closest name is {close}, published by {by}"
     elif instead:
         sentence += f"; its planned publisher {owner} publishes on {_names(instead)}"
-    elif owner and facts.nodes and owner not in facts.nodes and owner not in HARNESS:
+    elif owner and facts.nodes and owner not in facts.nodes and owner not in HARNESS_PARTS:
         sentence += f"; its planned publisher {owner} is not running"
     elif owner:
         sentence += f"; its planned publisher {owner} publishes nothing"
@@ -209,11 +210,11 @@ def _no_output(facts: GraphFacts, topic: TopicFacts) -> Difference:
 
 def _no_subscription(facts: GraphFacts, topic: TopicFacts, readers: list[str]) -> Difference | None:
     missing = [node for node in readers if node not in topic.subscriber_nodes]
-    has_any = not {*topic.subscriber_nodes} <= {*HARNESS}
+    has_any = not {*topic.subscriber_nodes} <= {*HARNESS_PARTS}
     if not missing and (readers or has_any):
         return None
     owner = missing[0] if missing else ""
-    is_node = bool(owner) and owner not in HARNESS
+    is_node = bool(owner) and owner not in HARNESS_PARTS
     others = {
         name: other
         for name, other in facts.topics.items()
@@ -327,7 +328,7 @@ def unmatched(facts: GraphFacts, remapped: Iterable[RemappedTopic]) -> Iterator[
     """The remappings to topics on which their node has no endpoint."""
     for rule in remapped:
         topic = facts.topic(rule.topic)
-        nodes = {*topic.publisher_nodes, *topic.subscriber_nodes} - {*HARNESS}
+        nodes = {*topic.publisher_nodes, *topic.subscriber_nodes} - {*HARNESS_PARTS}
         own = {rule.node} if rule.own_node_name else nodes - (facts.planned_nodes - {rule.node})
         if not nodes & own:
             yield rule
@@ -346,7 +347,7 @@ def _is_misplaced(facts: GraphFacts, name: str, *, remapped: bool) -> bool:
     there = topic.subscriptions if as_publisher else topic.publishers
     types = {topic.type} - {""} or {end.type for end in there}
     owners = topic.planned_publishers if as_publisher else topic.planned_subscribers
-    running = {*owners} - {*HARNESS} & facts.nodes
+    running = {*owners} - {*HARNESS_PARTS} & facts.nodes
     for other in facts.topics.values():
         ends = other.publishers if as_publisher else other.subscriptions
         counterparts = other.subscriptions if as_publisher else other.publishers
@@ -355,7 +356,7 @@ def _is_misplaced(facts: GraphFacts, name: str, *, remapped: bool) -> bool:
         meant = [
             end.node
             for end in ends
-            if end.node not in HARNESS
+            if end.node not in HARNESS_PARTS
             and (not types or end.type in types)
             and (not running or end.node in running)
         ]

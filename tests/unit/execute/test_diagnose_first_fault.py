@@ -7,16 +7,16 @@ import dataclasses
 import pytest
 
 from graph_facts import IMAGE, TEXT, end, graph, topic
-from r2bspec.execute.bringup.find_fault import (
+from r2bspec.execute.bringup.node_faults import RemappedTopic
+from r2bspec.execute.diagnose.diagnosis import EarlyDiagnosis
+from r2bspec.execute.diagnose.facts import GraphFacts, TopicFacts
+from r2bspec.execute.diagnose.first_fault import (
     certain_topics,
     find_input_fault,
     first_fault,
     path_to,
     unmatched,
 )
-from r2bspec.execute.bringup.graph_matching import EarlyDiagnosis
-from r2bspec.execute.bringup.observe_graph import GraphFacts, TopicFacts
-from r2bspec.execute.bringup.spec_mismatches import RemappedTopic
 from r2bspec.ipc.protocol import QosMismatch
 from r2bspec.record.run_record import Difference
 from run_simulation import Simulation

@@ -25,14 +25,13 @@ from typing import Final
 
 import msgspec
 
-from r2bspec.execute.bringup.observe_graph import wait_for_quiet
-from r2bspec.execute.measurement.segments import PLAYBACK_ROWS
+from r2bspec.execute.diagnose.facts import wait_for_quiet
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess
 from r2bspec.execute.run_context import Interference, RunContext
+from r2bspec.execute.start.segments import PLAYBACK_ROWS
 from r2bspec.ipc import protocol
-from r2bspec.ipc.arrivals import ArrivalReader
 from r2bspec.ipc.playback_file import PlaybackReader
-from r2bspec.ipc.sample_files import RowReader
+from r2bspec.ipc.sample_files import ArrivalReader, RowReader
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.judge.measure.matching import StepStamps, match, select_expected_steps
 from r2bspec.judge.measure.times import percentile

@@ -1,0 +1,1 @@
+"""One start of all processes: from bring-up through the segments that it plays to its end."""
