@@ -280,7 +280,7 @@ class _Requirement(_SpecTest):
 
 
 def _verdict_lines(one: RequirementVerdict) -> Iterator[str]:
-    from r2bspec.report.report_wording import bounds_text, estimate_text, sentences, verdict_word
+    from r2bspec.report.wording import bounds_text, estimate_text, sentences, verdict_word
 
     cells = (verdict_word(one), one.text.strip(), estimate_text(one), bounds_text(one))
     yield "  ".join(cells).strip()

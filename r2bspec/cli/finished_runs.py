@@ -195,7 +195,7 @@ def compare_command(
     of stored results are advisory. To gate, use 'r2bspec run --against'.
     """
     from r2bspec.compare.comparison import compare, read_compared_result
-    from r2bspec.report.comparison_formats import render
+    from r2bspec.report.comparison_document import render
 
     first = read_compared_result(base)
     comparisons = [

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from r2bspec.judge.result import Result
     from r2bspec.plan.time_estimate import TimeEstimate
     from r2bspec.report.progress import RemainingTime
-    from r2bspec.report.write_reports import ReportRequest
 
 
 def run_single(selection: SpecSelection, options: RunArguments) -> int:
@@ -206,43 +204,19 @@ def reported_failures(options: RunArguments, folder: OutputFolder, spec: Path) -
         if wanted and (folder.path is None or not folder.path.exists()):
             with contextlib.suppress(R2bspecError):
                 write_failure_reports(options.reports, error, spec)
-                _write_failure_pages(options.reports, error, spec)
         if options.output_format == "json" and not takes_stdout(options.reports):
             _print_failure(error, folder.path)
         raise
-
-
-def _write_failure_pages(
-    requests: Sequence[ReportRequest], error: R2bspecError, spec: Path
-) -> None:
-    """The reports that are a page or a document of their own."""
-    from r2bspec.report.suite import failure_page
-    from r2bspec.report.write_reports import write_report
-
-    for request in requests:
-        if request.format == "html":
-            write_report(request.path, failure_page(error, str(spec), request.path))
-        elif request.format == "json":
-            write_report(request.path, json.dumps(_failure(error), indent=2).encode() + b"\n")
 
 
 def _print_failure(error: R2bspecError, folder: Path | None) -> None:
     from r2bspec.compare.report_input import read_folder
     from r2bspec.record.files import FolderTakenError
     from r2bspec.report.terminal import show_result
+    from r2bspec.report.write_reports import failure
 
     if folder is not None and folder.exists() and not isinstance(error, FolderTakenError):
         with contextlib.suppress(R2bspecError):
             show_result(read_folder(folder).result, "json")
             return
-    echo_json(_failure(error))
-
-
-def _failure(error: R2bspecError) -> dict[str, Any]:
-    return {
-        "r2bspec_error": 1,
-        "code": error.code,
-        "message": str(error),
-        "hint": error.hint,
-        "exit_status": int(error.exit_code),
-    }
+    echo_json(failure(error))

@@ -28,10 +28,10 @@ from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.record.files import FolderTakenError, write_atomically
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.report import suite as suites
-from r2bspec.report.headline import headline
-from r2bspec.report.notes import notes_of_an_open_run
+from r2bspec.report.notes import notes
 from r2bspec.report.output import echo, echo_document
 from r2bspec.report.progress import RemainingTime
+from r2bspec.report.wording import headline
 from r2bspec.report.write_reports import STDOUT, ReportRequest, takes_stdout, write_report
 from r2bspec.safe_io.private_files import private_files
 from r2bspec.safe_io.safe_file import is_regular
@@ -413,7 +413,8 @@ class LocalExecutor:
         result = self.make(entry, self.suite.options_of(entry), remaining)
         if not self.options.quiet:
             echo(f"  {headline(result)}", err=True)
-            for sentence in (*notes_of_an_open_run(result), *result.gate):
+            first = notes(result).shown[:1] if result.verdict.outcome == "inconclusive" else ()
+            for sentence in (*first, *result.gate):
                 echo(f"  {sentence}", err=True)
         return result
 

@@ -10,7 +10,7 @@ import click
 
 from r2bspec.cli import shared_options as options
 from r2bspec.cli.spec_selection import prepare_and_report
-from r2bspec.cli.text_output import print_table, queued_host
+from r2bspec.cli.text_output import queued_host
 from r2bspec.errors import ExitStatus
 from r2bspec.language.quantities import Duration
 from r2bspec.language.selected_spec import SelectionValues, SpecSelection
@@ -88,11 +88,10 @@ def command(
     from r2bspec import api
     from r2bspec.report.output import echo_document
     from r2bspec.report.progress import shown_progress
-    from r2bspec.tune import tuning_result
     from r2bspec.tune.overlay import check_overlay_path
     from r2bspec.tune.run_search import require_extra, tune
     from r2bspec.tune.search import SearchLimits
-    from r2bspec.tune.tuning_result import to_json
+    from r2bspec.tune.tuning_result import to_json, tuning_document
 
     require_extra()
     if write is not None:
@@ -123,12 +122,13 @@ def command(
     if output_format == "json":
         echo_document(to_json(result), nl=False)
     elif output_format == "markdown":
-        echo(tuning_result.to_markdown(result), nl=False)
+        from r2bspec.report.markdown import to_markdown
+
+        echo(to_markdown(tuning_document(result)), nl=False)
     else:
-        for line in tuning_result.summary(result):
-            echo(line)
-        echo()
-        print_table(tuning_result.HEADER, tuning_result.trial_rows(result), (0, 2, 3))
+        from r2bspec.report.terminal import show_document
+
+        show_document(tuning_document(result))
     echo(f"search: {folder}", err=True)
     if write is not None:
         done = "written" if result.is_proved else "not written: no values are proved"

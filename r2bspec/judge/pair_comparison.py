@@ -29,6 +29,12 @@ load would seem uneven in one of seven comparisons with new pairs, though it was
 
 A FAIL stays if the unaffected pairs fail, too, or if the head has no excess; a PASS likewise with
 the base. Otherwise it becomes INCONCLUSIVE. Under ``tolerate`` nothing is examined.
+
+On a busy machine latencies scatter so much that no number of starts decides them, while work does
+not (`r2bspec.judge.turn_comparison`). So where other programs affected at least half of the starts
+of both sides, a latency of the baseline by turns that is not decided is left open if the work at
+its rate passes: reports say so, and the run can pass. A latency that fails counts as everywhere.
+Under ``tolerate``, and where open requirements count as failed, nothing is left open.
 """
 
 from __future__ import annotations
@@ -254,6 +260,9 @@ def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPo
     if policy.interference != "tolerate" and pair_set.unaffected is not None:
         requirements = _examine_pairs(verdict, objectives, pair_set, pair_set.unaffected, policy)
         verdict = verdict.with_requirements(requirements, policy.inconclusive)
+    merged = pair_set.played.merged
+    played = sum(len(iterations) for iterations in merged.iterations.values())
+    verdict = leave_latencies_open(verdict, played, policy)
     usable = len(pair_set.played.head)
     if verdict.outcome != "incomplete" and 2 * usable < pair_set.tried:
         return msgspec.structs.replace(
@@ -263,6 +272,37 @@ def judge_pair_set(objectives: Objectives, pair_set: PairSet, policy: DecisionPo
             reason=f"Only {usable} of {pair_set.tried} pairs can be judged.",
         )
     return verdict
+
+
+_BY_TURNS: Final = "trimmed t by turns"
+
+
+def leave_latencies_open(verdict: Verdict, played: int, policy: DecisionPolicy) -> Verdict:
+    """Return the verdict, with latencies left open on a busy machine whose work is decided.
+
+    Args:
+        verdict: on starts of both sides by turns.
+        played: the iterations of the head.
+        policy: by which it was judged.
+    """
+    affected = {one.segment for one in verdict.disturbed if not one.rerun_of}
+    is_strict = policy.interference == "tolerate" or policy.inconclusive == "fail"
+    if is_strict or not affected or 2 * len(affected) < played:
+        return verdict
+    by_turns = [
+        one for one in verdict.requirements if one.method == _BY_TURNS and one.level == "error"
+    ]
+    work = [one for one in by_turns if one.metric.startswith("work.")]
+    requirements = tuple(
+        msgspec.structs.replace(one, left_open=True, remedy="")
+        if one in by_turns
+        and one.outcome == "inconclusive"
+        and one.metric.startswith("latency")
+        and {other.outcome for other in work if other.at_hz == one.at_hz} == {"pass"}
+        else one
+        for one in verdict.requirements
+    )
+    return verdict.with_requirements(requirements, policy.inconclusive)
 
 
 def reruns_can_decide(

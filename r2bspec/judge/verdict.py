@@ -117,6 +117,8 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
         weakened: whether it was decided, and is inconclusive only because of host interference.
         early: whether it passed before the declared starts or pairs, without room for what they may
             meet.
+        left_open: whether it is open on a busy machine where the work at its rate is decided, and
+            does not keep the run from passing.
     """
 
     objective: str
@@ -147,6 +149,7 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     compared: BaselineEstimate | None = None
     weakened: bool = False
     early: bool = False
+    left_open: bool = False
 
     @property
     def key(self) -> RequirementKey:
@@ -277,9 +280,15 @@ def outcome_of(
         starts: of how many starts of the processes the sentence says that it is; 0 if it is not
             about a run. A verdict on one start is true of that start: another may have another.
     """
-    counted = [requirement for requirement in requirements if requirement.level == "error"]
+    counted = [
+        requirement
+        for requirement in requirements
+        if requirement.level == "error" and not requirement.left_open
+    ]
     outcome = worst_outcome([requirement.outcome for requirement in counted], policy)
-    text = f"{_sentence(counted, outcome)}{_warnings(requirements, policy)}"
+    left_open = sum(requirement.left_open for requirement in requirements)
+    busy = f" {left_open} more could not be decided on this busy machine." if left_open else ""
+    text = f"{_sentence(counted, outcome)}{busy}{_warnings(requirements, policy)}"
     if starts and requirements:
         text = f"{_starts_phrase(starts)}: {text[:1].lower()}{text[1:]}"
     return outcome, text

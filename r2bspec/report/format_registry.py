@@ -72,7 +72,7 @@ FORMATS: Final[dict[str, Format]] = {
 }
 """The formats of a run."""
 
-GRAPH_PAGE: Final = "html.graph_drawing:render_graph"
+GRAPH_PAGE: Final = "html.page:render_graph"
 """The drawing of a plan as a page."""
 
 

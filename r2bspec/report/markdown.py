@@ -1,207 +1,121 @@
-"""Markdown for a pull request or a step summary: the verdict visible, the rest folded.
+"""Documents as Markdown for a pull request or a step summary, with what is long folded.
 
-GitHub rejects comments of more than 65,536 characters; the tables are cut, with a count of the
-omitted rows, long before that.
+It is CommonMark with the tables and the folding of GitHub and GitLab. GitHub rejects comments of
+more than 65,536 characters; tables are cut, with a count of the omitted rows, long before that.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.judge.measure.distribution import MAIN_PERCENTILES
-from r2bspec.judge.measure.metrics import RunMetrics
-from r2bspec.judge.measure.units import show, show_rate
-from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import Verdict
-from r2bspec.report import anatomy_table
-from r2bspec.report import report_wording as wording
-from r2bspec.report.headline import headline, reason_after
-from r2bspec.report.notes import notes
-from r2bspec.report.result_table import (
-    HOP_COLUMNS,
-    METRICS,
-    hop_cells,
-    measured,
-    monitor_names,
-    reasons,
-    requirement_rows,
+from r2bspec.report.document import (
+    Block,
+    Cell,
+    Chart,
+    Detail,
+    Document,
+    Fold,
+    Items,
+    Paragraph,
+    Table,
+    Verbatim,
+    within,
 )
+from r2bspec.report.result_document import result_document
 
-_MAX_ROWS = 60
+_MAX_ROWS: Final = 60
 """The largest number of rows of a table."""
-
-_COLUMNS = (
-    "throughput.mean",
-    *(f"latency.{part}" for part in (*MAIN_PERCENTILES, "max")),
-    *("sent", "missed"),
-)
-"""The metrics of the table of a monitor."""
 
 
 def render(report_input: ReportInput) -> bytes:
-    """The report: CommonMark with the tables and folding of GitHub and GitLab."""
-    text = "\n".join(_lines(report_input))
+    """Return the report of a run."""
+    return to_markdown(result_document(report_input, whole=True)).encode()
+
+
+def to_markdown(document: Document) -> str:
+    """Return a document as Markdown."""
+    text = "\n".join(_lines(document))
     # GitLab carries out a line of a comment that begins with a slash, such as "/merge".
-    return re.sub(r"(?m)^/", r"\/", text).encode()
+    return re.sub(r"\n{3,}", "\n\n", re.sub(r"(?m)^/", r"\/", text)).rstrip() + "\n"
 
 
-def _lines(report_input: ReportInput) -> Iterator[str]:
-    result = report_input.result
-    verdict = result.verdict
-    line = headline(result)
-    yield f"### {escaped(line)}"
+def _lines(document: Document) -> Iterator[str]:
+    yield f"### {escaped(document.line)}"
     yield ""
-    if reason := reason_after(line, verdict):
-        yield escaped(reason)
-        yield ""
-    if result.title and result.title != result.name:
-        yield escaped(result.title)
-        yield ""
-    if facts := [*filter(None, (wording.loaded_rmw(result), wording.code_text(result)))]:
-        yield " · ".join(map(code, facts))
-        yield ""
-    if compared := [*wording.comparison(result)]:
-        yield from (f"{escaped(output_line)}  " for output_line in compared)
-        yield ""
-    if verdict.requirements:
-        verbose = report_input.verbose
-        yield from _requirements(verdict, wording.own_pace(result.metrics), verbose=verbose)
-    told = notes(result, verbose=report_input.verbose)
-    yield from (f"> {escaped(note)}  " for note in (*told.shown, told.more) if note)
+    for text in (*document.lead, document.title):
+        if text:
+            yield f"{escaped(text)}  "
     yield ""
-    yield from folded("Measurements", _measured(result, told.shown))
-    yield from folded("Anatomy", _anatomy(result))
-    yield from folded("Environment", _provenance(report_input))
-
-
-def _bounds_heading(verdict: Verdict) -> str:
-    """The heading of the bounds, with their confidence if it is the same for all."""
-    confidences = {requirement.confidence for requirement in verdict.requirements}
-    return f"{show(confidences.pop(), 'share', 4)} bounds" if len(confidences) == 1 else "bounds"
-
-
-def _requirements(verdict: Verdict, pace: str, *, verbose: bool) -> Iterator[str]:
-    rows = requirement_rows(verdict, worst_first=True)
-    yield from table(
-        ("verdict", "requirement", "at", "estimate", _bounds_heading(verdict), "limit"),
-        [
-            (
-                row.word,
-                f"{escaped(row.verdict.objective)}: {code(row.text)}",
-                show_rate(row.verdict.at_hz, pace) if row.verdict.at_hz is not None else "",
-                escaped(row.estimate),
-                escaped(row.bounds),
-                row.limit,
-            )
-            for row in rows
-        ],
-    )
-    # The table does not show the values behind a ratio that passes.
-    explained = [
-        row
-        for row in rows
-        if verbose or row.verdict.outcome != "pass" or row.verdict.compared is not None
-    ][:_MAX_ROWS]
-    for row, texts in zip(explained, reasons(explained), strict=True):
-        name = f"- **{escaped(row.verdict.objective)}** {code(row.text)}"
-        yield f"{name}: {' '.join(map(escaped, texts))}"
-    yield ""
-
-
-def _measured(result: Result, said: Collection[str]) -> Iterator[str]:
-    metrics = result.metrics
-    for name in monitor_names(metrics):
-        yield f"**{escaped(result.monitor_title(name))}**"
+    # What decides stands above the facts of machine and code.
+    verdicts = [section for section in document.sections if not section.folded]
+    for section in within(verdicts, Detail.COMMENT):
+        yield from _blocks(section.blocks)
+    if document.facts:
+        yield " · ".join(map(escaped, document.facts))
         yield ""
-        yield from table(
-            ("offered", *(METRICS[metric].title for metric in _COLUMNS)),
-            [
-                (row.offered, *(row.text(metric) for metric in _COLUMNS))
-                for row in measured(metrics, name)
-            ],
-        )
-        yield from _hops(metrics, name)
-    if metrics.search is not None and metrics.search.probes:
-        yield f"Peak {escaped(wording.peak_text(metrics.search))}"
-        yield ""
-    for text in wording.overhead_notes(result):
-        if text not in said:
-            yield escaped(text)
-            yield ""
+    for section in within(document.sections, Detail.COMMENT):
+        if section.folded:
+            yield from _folded(section.title, section.blocks)
 
 
-def _hops(metrics: RunMetrics, monitor: str) -> Iterator[str]:
-    """The latency of the hops to a monitor; nothing where it is not tapped."""
-    rows = [
-        (row.offered, *map(escaped, hop_cells(hop)))
-        for row in measured(metrics, monitor)
-        for hop in row.seen.hops
-    ]
-    if rows:
-        yield f"Hops to **{escaped(monitor)}**"
-        yield ""
-        yield from table(("offered", *HOP_COLUMNS), rows)
+def _blocks(blocks: Iterable[Block], *, quoted: bool = True) -> Iterator[str]:
+    for block in within([*blocks], Detail.COMMENT):
+        match block:
+            case Table():
+                yield from _table(block.shown(Detail.COMMENT), titled=not quoted)
+            case Paragraph():
+                yield from (escaped(block.text), "")
+            case Items():
+                yield from (f"> {escaped(text)}  " for text in block.texts)
+                yield ""
+            case Verbatim():
+                # Indented, so that nothing in the text ends the block or is markup.
+                yield from (f"    {line}" for line in block.text.splitlines())
+                yield ""
+            case Fold():
+                yield from _folded(block.title, block.blocks)
+            case Chart():
+                pass
 
 
-def _anatomy(result: Result) -> Iterator[str]:
-    """Where the messages of an iteration spent their time; nothing if none was observed."""
-    for anatomy in anatomy_table.anatomies_of(result):
-        for path in anatomy.paths:
-            yield f"**{escaped(anatomy_table.title(anatomy, path))}**  "
-            yield escaped(anatomy_table.caption(path))
-            yield ""
-            rows = [[*map(escaped, row)] for row in anatomy_table.part_rows(path)]
-            yield from table(anatomy_table.PART_COLUMNS, rows)
-        rows = [[*map(escaped, row)] for row in anatomy_table.node_rows(anatomy)]
-        if rows:
-            yield f"Nodes: {escaped(anatomy_table.NODES_CAPTION)}"
-            yield ""
-            yield from table(anatomy_table.NODE_COLUMNS, rows)
-        yield from (f"{escaped(note)}  " for note in anatomy_table.anatomy_notes(anatomy))
-        yield ""
-
-
-def _provenance(report_input: ReportInput) -> Iterator[str]:
-    result = report_input.result
-    facts = {
-        "run": result.run_id,
-        "started": result.started_at,
-        "plan": result.plan_hash,
-        "starts": wording.starts_text(result.starts),
-        **{f"dataset {key}": value for key, value in result.dataset.items()},
-        **{f"machine {key}": value for key, value in result.machine.items()},
-        **{f"version of {key}": value for key, value in result.versions.items()},
-        **wording.code_facts(result),
-    }
-    yield from table(
-        ("what", "value"),
-        [(escaped(str(key)), escaped(str(value))) for key, value in facts.items() if value != ""],
-    )
-
-
-def folded(title: str, lines: Iterable[str]) -> Iterator[str]:
-    """Lines folded below a title; nothing if there are none."""
-    content = [*lines]
+def _folded(title: str, blocks: Sequence[Block]) -> Iterator[str]:
+    """Yield blocks folded below a title; nothing if there are none."""
+    content = [*_blocks(blocks, quoted=False)]
     if content:
         yield from (f"<details><summary>{escaped(title)}</summary>", "", *content)
         yield from ("</details>", "")
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """A table; its cells are Markdown already."""
-    yield f"| {' | '.join(header)} |"
-    yield f"| {' | '.join('---' for _ in header)} |"
-    yield from (f"| {' | '.join(row)} |" for row in rows[:_MAX_ROWS])
+def _table(table: Table, *, titled: bool) -> Iterator[str]:
+    """Yield a table, and below it the details of its rows, which cells have no room for."""
+    if titled and table.title:
+        aside = f": {escaped(table.aside)}" if table.aside else ""
+        yield from (f"**{escaped(table.title)}**{aside}", "")
+    yield f"| {' | '.join(escaped(column.title) for column in table.columns)} |"
+    yield f"| {' | '.join('--:' if column.number else '---' for column in table.columns)} |"
+    shown = table.rows[:_MAX_ROWS]
+    yield from (f"| {' | '.join(map(_cell, row.cells))} |" for row in shown)
     yield ""
-    if len(rows) > _MAX_ROWS:
-        yield f"{len(rows) - _MAX_ROWS} more rows are not shown."
+    if len(table.rows) > len(shown):
+        yield from (f"{len(table.rows) - len(shown)} more rows are not shown.", "")
+    explained = [row for row in shown if row.details]
+    for row in explained:
+        name = next((_cell(cell) for cell in row.cells if cell.code), _cell(row.cells[0]))
+        yield f"- {name}: {' '.join(map(escaped, row.details))}"
+    if explained:
         yield ""
 
 
+def _cell(cell: Cell) -> str:
+    text = code(cell.text) if cell.code else escaped(cell.text)
+    return " ".join(filter(None, (escaped(cell.before), text, escaped(cell.after))))
+
+
 def escaped(text: str) -> str:
-    """Text shown literally by Markdown: no markup, no links, no mentions, on one line."""
+    """Return text that Markdown shows literally: no markup, links or mentions, on one line."""
     line = " ".join(text.split())
     line = line.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     line = re.sub(r"([\\`*_\[\]|~#$])", r"\\\1", line)
@@ -210,7 +124,7 @@ def escaped(text: str) -> str:
 
 
 def code(text: str) -> str:
-    """Text in a code span, fit for the cell of a table."""
+    """Return text in a code span, fit for the cell of a table."""
     line = " ".join(text.split()).replace("|", "\\|")
     longest = max((len(run) for run in re.findall(r"`+", line)), default=0)
     fence = "`" * (longest + 1)

@@ -1,37 +1,33 @@
 """What a reader must know to interpret the results: sentences, the most important first.
 
 A report shows at most five of them, and none of an ordinary run that passes; the others stand in
-the HTML, and elsewhere with ``--verbose``. What is true of every run alike is no note: it stands in
-the documentation of verdicts. A sentence
-that the report has said already, such as the reason of a failed requirement, is left out.
+pages, and elsewhere with ``--verbose``. What is true of every run alike is no note: it stands in
+the documentation of verdicts. A sentence that the report has said already, such as the reason of a
+failed requirement, is left out. Where a busy machine leaves a run open, that is said first and
+alone, so that no advice about the graph contradicts it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, NamedTuple
 
-from r2bspec.diagnostics.quote import first_words, join_words, pluralize
+from r2bspec.diagnostics.quote import first_words, join_words
 from r2bspec.judge.measure.own_pace import own_pace_text
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import DisturbedIteration, RequirementVerdict
+from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.middleware.middleware import middleware_named
-from r2bspec.record.run_record import Probe, ProfileRecord
-from r2bspec.report import report_wording as wording
-from r2bspec.report.headline import headline
+from r2bspec.record.run_record import ProfileRecord
+from r2bspec.report import wording
 
 MOST_NOTES: Final = 5
 """Notes of a report that is not verbose."""
 
-_MAX_LISTED: Final = 6
-"""Affected iterations, or other parts of a run of one kind, that are listed one by one."""
-
-_HOST_INTERFERENCE: Final = "Host interference"
-"""Words of every note that names what other programs did."""
+_IDLE_SHARE: Final = 0.1
+"""Of the period, that a process may use without messages, unnoticed."""
 
 
 class Weight(IntEnum):
@@ -44,52 +40,40 @@ class Weight(IntEnum):
     OPEN = 2
     """What a requirement that is not met, or not decided, rests on."""
     INTERFERENCE = 3
-    """Other programs took part."""
+    """Other programs took part in what is not decided, or failed."""
     PLAYED = 4
-    """What was played, received and compared is not all that the spec names."""
-    MEANING = 5
-    """What a value includes."""
-    DETAIL = 6
+    """What was played, received and used is not all, or not only, what the spec names."""
+    DETAIL = 5
     """True, but no reason to read the results in another way; only in a verbose report."""
 
 
-@dataclass(frozen=True, slots=True)
-class Note:
+class Note(NamedTuple):
     """A sentence, and how much it matters."""
 
     weight: Weight
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Notes:
-    """The notes that a report shows, and the number of those that it leaves out."""
+class Notes(NamedTuple):
+    """The notes that a report shows, and those that it leaves out."""
 
     shown: tuple[str, ...]
     others: tuple[str, ...]
 
-    @property
-    def more(self) -> str:
-        """How many are left out, and where they are; empty if none are."""
-        if not self.others:
-            return ""
-        number = pluralize(len(self.others), "more note")
-        return f"{number}: with --verbose, or in the HTML report"
-
 
 def notes(result: Result, *, verbose: bool = False) -> Notes:
-    """The notes of a result: five at most, or all of them."""
+    """Return the notes of a result: five at most, or all of them."""
     ordered = all_notes(result)
     if verbose:
         return Notes(tuple(note.text for note in ordered), ())
     busy = [note.text for note in ordered if note.weight is Weight.BUSY]
     important = busy or [note.text for note in ordered if note.weight < Weight.DETAIL]
-    important = important[:MOST_NOTES]
-    return Notes(tuple(important), tuple(note.text for note in ordered[len(important) :]))
+    shown = tuple(important[:MOST_NOTES])
+    return Notes(shown, tuple(note.text for note in ordered if note.text not in shown))
 
 
 def all_notes(result: Result) -> tuple[Note, ...]:
-    """Every note once, the most important first; notes of one weight keep their order."""
+    """Return every note once, the most important first; notes of one weight keep their order."""
     said = _said(result)
     texts: dict[str, Note] = {}
     for note in _weighted(result):
@@ -99,22 +83,9 @@ def all_notes(result: Result) -> tuple[Note, ...]:
     return tuple(sorted(texts.values(), key=lambda note: note.weight))
 
 
-def notes_of_an_open_run(result: Result) -> tuple[str, ...]:
-    """The main notes on an inconclusive run, for one line: what other programs did to it, if any.
-
-    Without host interference it is the first note on what is open. Nothing for other outcomes.
-    """
-    if result.verdict.outcome != "inconclusive":
-        return ()
-    main = [note for note in all_notes(result) if note.weight <= Weight.INTERFERENCE]
-    busy = [note.text for note in main if note.weight is Weight.BUSY]
-    of_host = [note.text for note in main if _HOST_INTERFERENCE in note.text]
-    return tuple(busy[:2] or of_host[:1] or [note.text for note in main[:1]])
-
-
 def _said(result: Result) -> str:
-    """What every report says before its notes, in lower case."""
-    texts = [headline(result), result.verdict.reason]
+    """Return what every report says before its notes, in lower case."""
+    texts = [wording.headline(result), result.verdict.reason]
     for verdict in result.verdict.requirements:
         if verdict.outcome != "pass":
             texts += (verdict.reason, verdict.remedy)
@@ -122,51 +93,50 @@ def _said(result: Result) -> str:
 
 
 def _weighted(result: Result) -> Iterator[Note]:
-    """The notes in the order in which they are worked out."""
-    machine = [*_machine_notes(result)]
-    of_host = Weight.BUSY if machine else Weight.INTERFERENCE
-    found = [*_interference(result)]
-    interference = map(_interference_text, found)
-    summary = []
-    if len(found) > 1:
-        affected = join_words([one.affected for one in found], "and")
-        summary = [f"{_HOST_INTERFERENCE} in {affected}; for example, {found[0].example}"]
-    ended_outputs = (
-        f"No more messages on {gap.topic} in {gap.segment}. {gap.reason}"
-        for gap in result.output_gaps
-    )
+    """Yield the notes in the order in which they are worked out."""
+    passes = result.verdict.outcome == "pass"
+    is_complete = not any(one.left_open for one in result.verdict.requirements)
+    of_host = Weight.DETAIL if passes and is_complete else Weight.INTERFERENCE
     decisions = result.pairs.notes if result.pairs is not None else ()
-    harmless_differences = (
-        f"{difference.code}: {difference.message}; {difference.help}"
-        for difference in result.differences
-        if difference.harmless
-    )
     groups: tuple[tuple[Weight, Iterable[str]], ...] = (
         (Weight.BROKEN, _status_notes(result)),
-        (Weight.BROKEN, ended_outputs),
+        (
+            Weight.BROKEN,
+            (
+                f"No more messages on {gap.topic} in {gap.segment}. {gap.reason}"
+                for gap in result.output_gaps
+            ),
+        ),
         # Each start has a process of the name; that all end in one way is one note.
         (Weight.BROKEN, _exit_notes(result)),
-        (Weight.BUSY, machine),
+        (Weight.BUSY, _busy_notes(result)),
         (Weight.OPEN, _requirement_notes(result, ("fail", "inconclusive"))),
-        (Weight.INTERFERENCE, (f"{text[:1].upper()}{text[1:]}" for text in decisions)),
-        (of_host, summary),
-        (Weight.DETAIL if summary else of_host, interference),
+        (of_host, _interference_notes(result)),
+        (Weight.DETAIL, (f"{text[:1].upper()}{text[1:]}" for text in decisions)),
         (Weight.PLAYED, unplayed_notes(result)),
         (Weight.PLAYED, result.left_out),
         (Weight.PLAYED, _message_anomalies(result)),
-        (Weight.PLAYED, harmless_differences),
-        (Weight.MEANING, _live_notes(result)),
-        (Weight.MEANING, wording.joined_notes(result)),
-        (Weight.MEANING, profile_notes(result.profiles)),
-        (Weight.MEANING, _reception_notes(result)),
+        (Weight.PLAYED, idle_work_notes(result)),
+        (
+            Weight.PLAYED,
+            (
+                f"{difference.code}: {difference.message}; {difference.help}"
+                for difference in result.differences
+                if difference.harmless
+            ),
+        ),
+        (Weight.PLAYED, profile_notes(result.profiles)),
+        (Weight.DETAIL, _live_notes(result)),
+        (Weight.DETAIL, _joined_notes(result)),
+        (Weight.DETAIL, _reception_notes(result)),
         (Weight.DETAIL, _requirement_notes(result, ("pass",))),
-        (Weight.DETAIL, wording.overhead_notes(result)),
+        (Weight.DETAIL, overhead_notes(result)),
     )
     yield from (Note(weight, text) for weight, texts in groups for text in texts)
 
 
 def _status_notes(result: Result) -> Iterator[str]:
-    """Why the run ended early, or cannot be judged."""
+    """Yield why the run ended early, or cannot be judged."""
     said = _said(result)
     if result.status != "complete" and (not result.reason or result.reason.lower() not in said):
         yield f"The run is {result.status}: {result.reason or 'no reason was recorded'}"
@@ -178,21 +148,86 @@ def _status_notes(result: Result) -> Iterator[str]:
             yield f"Cannot be judged{where}: {unusable.reason}"
 
 
-def _machine_notes(result: Result) -> Iterator[str]:
-    """Whether nothing but host interference leaves a run open."""
-    verdict = result.verdict
+def _busy_notes(result: Result) -> Iterator[str]:
+    """Yield one sentence where a busy machine is what leaves a run open."""
     open_requirements = [
         requirement
-        for requirement in verdict.requirements
+        for requirement in result.verdict.requirements
         if requirement.level == "error" and requirement.outcome == "inconclusive"
     ]
-    if verdict.outcome == "inconclusive" and all(
-        requirement.weakened for requirement in open_requirements
+    if result.verdict.outcome != "inconclusive" or not all(
+        wording.open_on_busy_machine(requirement, result) for requirement in open_requirements
     ):
-        yield (
-            "What is open is not shown on this busy machine, which other programs used. Run again "
-            "when it has nothing else to do; 'gate.interference: tolerate' judges it as it is."
-        )
+        return
+    affected = "; ".join(_interference_notes(result)) or "Other programs used this machine"
+    way = "run again when it has nothing else to do"
+    if all(requirement.weakened for requirement in open_requirements):
+        way += "; 'gate.interference: tolerate' judges it as it is"
+    yield f"The machine was busy: {affected[:1].lower()}{affected[1:]}. To decide it, {way}."
+
+
+def interference_text(result: Result) -> str:
+    """Return what other programs did to a run, in a sentence; empty where they did nothing."""
+    rates, probes = result.metrics.rates, wording.all_probes(result.metrics)
+    kinds: tuple[tuple[str, int, list[tuple[str, ...]]], ...] = (
+        (
+            "iterations",
+            sum(len(rate.iterations) + len(rate.reruns) for rate in rates),
+            [one.reasons for one in result.verdict.disturbed],
+        ),
+        ("probes", len(probes), [one.disturbed for one in probes]),
+        (
+            "measurements of the overhead",
+            len(result.harness_overhead),
+            [one.disturbed for one in result.harness_overhead],
+        ),
+    )
+    affected, example = [], ""
+    for kind, number, parts in kinds:
+        disturbed = [reasons for reasons in parts if reasons]
+        if disturbed:
+            affected.append(f"{len(disturbed)} of {max(number, len(disturbed))} {kind}")
+            example = example or max(disturbed, key=len)[0]
+    if not affected:
+        return ""
+    return f"Host interference in {join_words(affected, 'and')}; for example, {example}"
+
+
+def _interference_notes(result: Result) -> Iterator[str]:
+    if text := interference_text(result):
+        yield text
+
+
+def idle_work_notes(result: Result) -> Iterator[str]:
+    """Yield where a process uses CPU without messages.
+
+    Until the last output of a step has come, all cores together can have used no more processor
+    time than cores × latency. So with the work w of a process in most steps (p50), the latency L
+    from when a step was due to its last output in most steps (p90 of the slowest monitor), and the
+    period P,
+
+        w > cores × L + 0.1 P
+
+    shows that it works when there is no message: a timer, a thread that waits actively, or work
+    after the output.
+    """
+    cores = result.machine.get("cores")
+    for rate in result.metrics.rates:
+        monitors = rate.pooled.monitors.values()
+        latencies = [seen.latency_from_due.p90 for seen in monitors]
+        known = [latency for latency in latencies if latency is not None]
+        if not rate.offered_hz or not known or len(known) < len(latencies) or not cores:
+            continue
+        within = int(cores) * max(known)
+        for name, use in rate.pooled.processes.items():
+            work = use.work
+            if work is None or work.p50 <= within + _IDLE_SHARE / rate.offered_hz:
+                continue
+            yield (
+                f"Process {name} uses CPU without messages: {show(work.p50, 's')} a step "
+                f"{at_rate(rate.offered_hz)}, though the outputs have come after "
+                f"{show(max(known), 's')}; work.{name} contains it"
+            )
 
 
 def _requirement_notes(result: Result, outcomes: Sequence[str]) -> Iterator[str]:
@@ -239,80 +274,6 @@ def unplayed_notes(result: Result) -> Iterator[str]:
     for text in result.unplayed:
         agreed = ", as 'playback.unpaired' allows" if text.agreed else ""
         yield f"{'Warning: ' if text.is_warning else ''}{text.text}{agreed}"
-
-
-class _Interference(NamedTuple):
-    """What other programs disturbed, of one kind.
-
-    Attributes:
-        affected: how much of it, such as ``2 of 6 iterations``.
-        texts: each disturbed one with the reasons, and what became of it.
-        example: a reason.
-    """
-
-    affected: str
-    texts: list[str]
-    example: str
-
-
-def _interference(result: Result) -> Iterator[_Interference]:
-    """Everything that other programs disturbed, and how."""
-    rates, probes = result.metrics.rates, wording.all_probes(result.metrics)
-    kinds: tuple[tuple[str, int, list[_Disturbed]], ...] = (
-        (
-            "iterations",
-            sum(len(rate.iterations) + len(rate.reruns) for rate in rates),
-            [(_iteration_name(one), one.reasons, _rerun(one)) for one in result.verdict.disturbed],
-        ),
-        (
-            "probes",
-            len(probes),
-            [(show(one.rate_hz, "Hz"), one.disturbed, _probe_outcome(one)) for one in probes],
-        ),
-        (
-            "measurements of the overhead",
-            len(result.harness_overhead),
-            [(one.topic, one.disturbed, "") for one in result.harness_overhead],
-        ),
-    )
-    for kind, number, parts in kinds:
-        disturbed = [part for part in parts if part[1]]
-        if disturbed:
-            texts = [
-                f"{name} ({', '.join(filter(None, (*reasons, outcome)))})"
-                for name, reasons, outcome in disturbed
-            ]
-            affected = f"{len(disturbed)} of {max(number, len(disturbed))} {kind}"
-            yield _Interference(affected, texts, disturbed[0][1][0])
-
-
-_Disturbed = tuple[str, tuple[str, ...], str]
-"""The name of a part of a run, what disturbed it, if anything, and what became of it."""
-
-
-def _interference_text(one: _Interference) -> str:
-    """The first of them, and how many more there are."""
-    more = len(one.texts) - _MAX_LISTED
-    rest = f"; and {more} more, in result.json" if more > 0 else ""
-    return f"{_HOST_INTERFERENCE} in {one.affected}: {'; '.join(one.texts[:_MAX_LISTED])}{rest}"
-
-
-def _iteration_name(one: DisturbedIteration) -> str:
-    return f"{one.segment} {at_rate(one.rate_hz)}" if one.rate_hz else one.segment
-
-
-def _rerun(one: DisturbedIteration) -> str:
-    return f"played again as {one.rerun}" if one.rerun else ""
-
-
-def _probe_outcome(one: Probe) -> str:
-    """What became of a probe that other programs disturbed."""
-    texts = [f"played in place of {one.rerun_of}"] if one.rerun_of else []
-    if one.holds:
-        texts.append("sustained all the same")
-    elif one.explained:
-        texts.append("which can explain that it was not sustained")
-    return ", ".join(texts)
 
 
 def _live_notes(result: Result) -> Iterator[str]:
@@ -385,3 +346,32 @@ def _message_anomalies(result: Result) -> Iterator[str]:
             texts = [f"{show(count, 'count')} {what}" for what, count in odd.items() if count]
             if texts:
                 yield f"{where}: of {show(seen.received, 'count')} messages, {', '.join(texts)}"
+
+
+def _joined_notes(result: Result) -> Iterator[str]:
+    """Yield in which processes of the graph player and monitors ran."""
+    parts = dict.fromkeys(
+        (process.name, process.parts) for process in result.processes if process.parts
+    )
+    for name, harness in parts:
+        yield (
+            f"Process {name} contains the {' and the '.join(harness)} of the harness: its "
+            "processor time, memory and page faults include theirs"
+        )
+
+
+def overhead_notes(result: Result) -> Iterator[str]:
+    """Yield with which placement of the harness the overhead was measured, and how large it is."""
+    where = wording.overhead_placement(result.harness_overhead)
+    latencies_ns = [
+        overhead.latency_p50_ns
+        for overhead in result.harness_overhead
+        if overhead.latency_p50_ns is not None
+    ]
+    if where and latencies_ns:
+        placement = result.harness_overhead[0].placement
+        overhead = show(max(latencies_ns) / 1e9, "s")
+        yield (
+            f"The harness overhead is about {overhead} at p50 without the load of the graph, "
+            f"{where} (harness.placement: {placement}); the latencies contain it"
+        )

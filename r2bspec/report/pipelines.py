@@ -22,21 +22,14 @@ from typing import TYPE_CHECKING
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.diagnostic import Span
 from r2bspec.diagnostics.quote import printable, printable_lines
+from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import ListNode, ScalarNode, lookup
+from r2bspec.report import wording
 from r2bspec.report.finding_formats import command, command_place, junit_text
-from r2bspec.report.headline import headline, reason_after, requirement_headline
 from r2bspec.report.notes import notes, unplayed_notes
-from r2bspec.report.report_wording import (
-    code_text,
-    comparison,
-    outcome_title,
-    sentences,
-    several_monitors,
-)
-from r2bspec.report.result_table import RequirementRow, requirement_rows
 from r2bspec.safe_io.safe_file import is_regular
 
 if TYPE_CHECKING:
@@ -67,22 +60,16 @@ def to_suite(report_input: ReportInput, *, lenient: bool) -> TestSuite:
     suite.timestamp = printable(result.started_at)
     suite.add_property("plan_hash", printable(result.plan_hash))
     suite.add_property("run_id", printable(result.run_id))
-    if code := code_text(result):
+    if code := wording.code_text(result):
         suite.add_property("code", printable(code))
     for key, value in result.labels.items():
         suite.add_property(printable(f"label.{key}"), printable(str(value)))
-    rows = requirement_rows(result.verdict)
-    case_of = partial(
-        _requirement_case,
-        result=result,
-        name_monitor=several_monitors(result.verdict),
-        lenient=lenient,
-    )
+    case_of = partial(_requirement_case, result=result, lenient=lenient)
     # All at once: each call counts the cases anew.
     suite.add_testcases(
         [
             _run_case(report_input, name),
-            *map(case_of, rows),
+            *map(case_of, result.verdict.requirements),
         ]
     )
     # After the cases: adding them makes the suite sum up the times of all.
@@ -95,7 +82,7 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     from junitparser import Error, TestCase
 
     verdict = report_input.result.verdict
-    line = headline(report_input.result)
+    line = wording.headline(report_input.result)
     case = TestCase("run", name)
     if verdict.outcome in {"invalid", "incomplete"}:
         error = Error(printable_lines(line), verdict.outcome)
@@ -105,37 +92,43 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
         case.result = [error]
     # The verdict of requirements does not say of how many starts it is.
     judged = not case.result and verdict.requirements
-    texts = [line, reason_after(line, verdict)] if judged else []
+    texts = [line, wording.reason_after(line, verdict)] if judged else []
     told = notes(report_input.result, verbose=report_input.verbose)
-    texts = [*filter(None, texts), *comparison(report_input.result), *told.shown]
-    texts += [told.more] if told.more else []
+    texts = [*filter(None, texts), *wording.comparison(report_input.result), *told.shown]
     if texts:
         case.system_out = "\n".join(map(printable_lines, texts))
     return case
 
 
-def _requirement_case(
-    row: RequirementRow, result: Result, *, name_monitor: bool, lenient: bool
-) -> TestCase:
+def _requirement_case(verdict: RequirementVerdict, result: Result, *, lenient: bool) -> TestCase:
     from junitparser import Error, Failure, Skipped, TestCase
 
-    verdict = row.verdict
-    case = TestCase(printable(row.title), printable(f"{result.name}.{verdict.objective}"))
+    title = _title(verdict, result)
+    case = TestCase(printable(title), printable(f"{result.name}.{verdict.objective}"))
     # The notes of all requirements are those of the run, among the output of its case.
     reason = printable_lines(" ".join(filter(None, (verdict.reason, verdict.remedy))))
     numbers = (
-        f"estimate {row.estimate}, bounds {row.bounds or '-'}, limit {row.limit or '-'}, "
+        f"estimate {wording.estimate_text(verdict)} {wording.bounds_text(verdict)}, "
+        f"limit {show(verdict.limit, verdict.unit)}, "
         f"n {verdict.n}, {verdict.method}, confidence {verdict.confidence:g}"
     )
-    if verdict.outcome == "pass" or verdict.level != "error":
-        case.system_out = f"{row.word}: {reason}\n{numbers}"
+    if verdict.outcome == "pass" or verdict.level != "error" or verdict.left_open:
+        case.system_out = f"{wording.verdict_word(verdict)}: {reason}\n{numbers}"
     else:
         kind = Failure if verdict.outcome == "fail" else Skipped if lenient else Error
-        line = requirement_headline(verdict, result, name_monitor=name_monitor)
+        several = wording.several_monitors(result.verdict)
+        line = wording.requirement_headline(verdict, result, name_monitor=several)
         problem = kind(printable_lines(line), verdict.outcome)
         problem.text = f"{reason}\n{numbers}"
         case.result = [problem]
     return case
+
+
+def _title(verdict: RequirementVerdict, result: Result) -> str:
+    """Return the requirement with its rate, where one was offered."""
+    several = wording.several_monitors(result.verdict)
+    text = wording.requirement_text(verdict, name_monitor=several)
+    return f"{text} {at_rate(verdict.at_hz)}" if verdict.at_hz else text
 
 
 def _duration_s(started: str, ended: str) -> float:
@@ -168,9 +161,9 @@ def _commands(report_input: ReportInput) -> Iterator[str]:
     loaded = _locations(spec_file)
     file = str(spec_file) if spec_file is not None else ""
     kind = {"pass": "notice", "inconclusive": "warning"}.get(verdict.outcome, "error")
-    title = f"{report_input.result.name}: {outcome_title(verdict)}"
-    line = headline(report_input.result)
-    told = "\n".join(filter(None, (line, reason_after(line, verdict))))
+    title = f"{report_input.result.name}: {wording.outcome_title(verdict)}"
+    line = wording.headline(report_input.result)
+    told = "\n".join(filter(None, (line, wording.reason_after(line, verdict))))
     whole = {"file": file} if file else {}
     yield command(kind, title, told, whole)
     for one_input, text in zip(
@@ -178,15 +171,16 @@ def _commands(report_input: ReportInput) -> Iterator[str]:
     ):
         shown = "warning" if one_input.is_warning else "notice"
         yield command(shown, f"{report_input.result.name}: {one_input.topic}", text, whole)
-    rows = requirement_rows(verdict)
-    annotated = [row for outcome in _COMMANDS for row in rows if row.verdict.outcome == outcome]
-    annotated.sort(key=lambda row: row.verdict.level in _ADVISORY_COMMANDS)
-    for row in annotated[:MAX_ANNOTATIONS]:
-        requirement = row.verdict
-        texts = "\n".join(sentences(requirement))
+    annotated = [
+        one for outcome in _COMMANDS for one in verdict.requirements if one.outcome == outcome
+    ]
+    annotated.sort(key=lambda one: one.level in _ADVISORY_COMMANDS)
+    for requirement in annotated[:MAX_ANNOTATIONS]:
+        texts = "\n".join(wording.sentences(requirement))
         kind = _ADVISORY_COMMANDS.get(requirement.level, _COMMANDS[requirement.outcome])
         place = _place(requirement, loaded, whole)
-        yield command(kind, f"{requirement.objective}: {row.title}", texts, place)
+        title = f"{requirement.objective}: {_title(requirement, report_input.result)}"
+        yield command(kind, title, texts, place)
     if len(annotated) > MAX_ANNOTATIONS:
         omitted = len(annotated) - MAX_ANNOTATIONS
         yield f"{omitted} more requirements are not annotated; see the report"

@@ -1,102 +1,30 @@
-"""The values of a result as tables, of which every format shows some columns in its own markup.
+"""The values of monitors, and every value of a result in long format.
 
-There are two. A row of the table of requirements has the metric, the estimate, its bounds, the
-limit and the verdict. A row of the table of measurements has what a monitor received at a rate,
-over all iterations or in one of them; its columns are the metrics of the catalogue, `METRICS`, each
-with its unit and its place in ``result.json``. `result_rows` is the second table in long format,
-one value a row, with the values that belong to no monitor.
+A row of measurements has what a monitor received at a rate, over all iterations or in one of them;
+its columns are the metrics of the catalogue, `METRICS`, each with its unit and its place in
+``result.json``. `result_rows` has one value a row, with the values that belong to no monitor.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from r2bspec.judge.measure.distribution import PARTS, SHORT_PERCENTILES, part_title, part_value
+from r2bspec.judge.measure.distribution import PARTS, part_title, part_value
 from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, observed_metric
 from r2bspec.judge.measure.metrics import (
-    HopMetrics,
+    WORK_PARTS,
     MonitorMetrics,
     RateMetrics,
     RunMetrics,
     SegmentMetrics,
     Spread,
 )
-from r2bspec.judge.measure.units import at_rate, show, show_range, show_rate
+from r2bspec.judge.measure.units import show_range, show_rate
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.record.run_record import HarnessOverheadRecord
-from r2bspec.report import report_wording as wording
-
-WORST_FIRST: Final = ("fail", "inconclusive", "pass")
-
-
-@dataclass(frozen=True, slots=True)
-class RequirementRow:
-    """A requirement with its verdict, as text.
-
-    Attributes:
-        verdict: whose texts these are.
-        index: its place in the verdict of the run.
-        word: the outcome, with its mark and its level.
-        text: the requirement, with its monitor where several have requirements.
-        limit: empty where there is none, as `bounds`.
-    """
-
-    verdict: RequirementVerdict
-    index: int
-    word: str
-    text: str
-    estimate: str
-    bounds: str
-    limit: str
-
-    @property
-    def title(self) -> str:
-        """The requirement with its rate, where one was offered."""
-        at_hz = self.verdict.at_hz
-        return f"{self.text} {at_rate(at_hz)}" if at_hz else self.text
-
-
-def requirement_rows(verdict: Verdict, *, worst_first: bool = False) -> list[RequirementRow]:
-    """The requirements in the order of the spec, or those first that are not met."""
-    several = wording.several_monitors(verdict)
-    rows = [
-        RequirementRow(
-            verdict=requirement,
-            index=index,
-            word=wording.verdict_word(requirement),
-            text=wording.requirement_text(requirement, name_monitor=several),
-            estimate=wording.estimate_text(requirement),
-            bounds=wording.bounds_text(requirement),
-            limit=show(requirement.limit, requirement.unit)
-            if requirement.limit is not None
-            else "",
-        )
-        for index, requirement in enumerate(verdict.requirements)
-    ]
-    if worst_first:
-        rows.sort(key=lambda row: WORST_FIRST.index(row.verdict.outcome))
-    return rows
-
-
-def reasons(rows: Sequence[RequirementRow]) -> list[list[str]]:
-    """The reason of each requirement and what would decide it; nothing is said twice.
-
-    Of several requirements with one reason, such as a monitor that received nothing, the others
-    refer to the first.
-    """
-    first: dict[str, str] = {}
-    texts: list[list[str]] = []
-    for row in rows:
-        own = [text for text in (row.verdict.reason, row.verdict.remedy) if text]
-        if own and own[0] in first:
-            own = [f"As for {first[own[0]]}."]
-        elif own:
-            first[own[0]] = row.text
-        texts.append(own)
-    return texts
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,18 +98,9 @@ class Measured:
         """The offered rate as text."""
         return show_rate(self.rate.offered_hz, self.rate.pace)
 
-    @property
-    def rate_path(self) -> str:
-        """The place of the rate in ``result.json``."""
-        return "/".join(self.path.split("/", 3)[:3])
-
     def value(self, metric: str) -> float | None:
         """The value of a metric of `METRICS`; None where there is none."""
         return METRICS[metric].value(self.seen)
-
-    def text(self, metric: str) -> str:
-        """The same with its unit."""
-        return show(self.value(metric), METRICS[metric].unit)
 
     def spread(self, metric: str) -> Spread | None:
         """The range of a metric over the iterations; None where it is not known."""
@@ -213,19 +132,6 @@ def measured_iterations(metrics: RunMetrics, monitor: str) -> Iterator[Measured]
         for place, iteration in enumerate(rate.iterations):
             path = f"metrics/rates/{number}/iterations/{place}/monitors/{pointer(monitor)}"
             yield Measured(rate, monitor, iteration.monitors[monitor], iteration.segment, path)
-
-
-HOP_COLUMNS: Final = ("from → to", *map(part_title, SHORT_PERCENTILES), "matched", "missed")
-
-
-def hop_cells(hop: HopMetrics) -> tuple[str, ...]:
-    """The row of a hop; see `HOP_COLUMNS`."""
-    return (
-        f"{hop.source} → {hop.target}",
-        *(show(part_value(hop.latency, part), "s") for part in SHORT_PERCENTILES),
-        show(hop.matched, "count"),
-        show(hop.missed, "count"),
-    )
 
 
 def pointer(key: str) -> str:
@@ -295,6 +201,8 @@ def _segment(segment: SegmentMetrics) -> Iterator[_Value]:
         yield "", f"cpu.{process}.max", "share", use.cpu_max
         yield "", f"memory.{process}.max", "B", use.memory_max_bytes
         yield "", f"minor_faults.{process}.per_message", "count", use.faults_per_message
+        for part in WORK_PARTS if use.work is not None else ():
+            yield "", f"work.{process}.{part}", "s", getattr(use.work, part)
     for series, values in (segment.anatomy or {}).items():
         observed = observed_metric(series)
         if observed is not None and observed.dimension == "share":

@@ -1,10 +1,10 @@
-"""Several runs as one summary, a row for each spec and rate: text, Markdown, HTML, JUnit, JSON."""
+"""Several runs as one summary: text, Markdown, HTML, JUnit and JSON.
+
+The table of a folder is that of a single spec, with a column for the spec.
+"""
 
 from __future__ import annotations
 
-import datetime
-import html
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final, Literal
@@ -15,16 +15,14 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import harmless
 from r2bspec.diagnostics.quote import pluralize, printable, printable_lines
 from r2bspec.errors import ExitStatus, R2bspecError
-from r2bspec.judge.measure.distribution import SHORT_PERCENTILES, part_title
+from r2bspec.judge.measure.distribution import SHORT_PERCENTILES, part_title, part_value
 from r2bspec.judge.measure.units import show, show_rate
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import RequirementVerdict
+from r2bspec.report import wording
+from r2bspec.report.document import Cell, Column, Document, Items, Row, Section, Table
 from r2bspec.report.finding_formats import junit_text
-from r2bspec.report.headline import headline
-from r2bspec.report.notes import notes_of_an_open_run
-from r2bspec.report.output import printed_text
-from r2bspec.report.plain_page import number_class, plain_page, plain_table
-from r2bspec.report.report_wording import OUTCOME_WORDS, revisions, revisions_text
+from r2bspec.report.notes import interference_text
+from r2bspec.report.result_document import requirement_columns, requirement_rows
 from r2bspec.report.write_reports import STDOUT, link_text
 
 _SEVERITY: Final = (
@@ -39,30 +37,6 @@ _SEVERITY: Final = (
 """Exit statuses, the worst last: what a retry may mend is not as bad as what it cannot."""
 
 
-_URGENCY: Final = ("pass", "inconclusive", "fail")
-"""Outcomes of a requirement, the one that matters most last."""
-
-
-class SuiteRow(msgspec.Struct, frozen=True, kw_only=True):
-    """One monitor at one rate; times in seconds, None where there is no value.
-
-    Attributes:
-        offered_hz: 0 where the recording or the graph sets the rate; `pace` says which.
-        peak_hz: of the search of the run, the same in each of its rows.
-        ratio: to the base, of the metric `ratio_metric`: what decided, where several are required.
-    """
-
-    offered_hz: float
-    pace: str
-    monitor: str
-    throughput_hz: float | None = None
-    latency_p50_s: float | None = None
-    latency_p99_s: float | None = None
-    peak_hz: float | None = None
-    ratio: float | None = None
-    ratio_metric: str = ""
-
-
 class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
     """One run of a suite.
 
@@ -75,7 +49,6 @@ class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
         line: the first line of its reports; empty where it has no result.
         gate: what its comparison with a base is to be read with, a sentence each.
         report: its page in HTML; empty where it has none.
-        notes: the main ones on an inconclusive run; see `notes_of_an_open_run`.
         revision: of its code, with ``+dirty`` for changes that are not committed; empty where it
             is not known.
         base_revision: of the code that it was compared with; empty without a base.
@@ -89,11 +62,9 @@ class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
     exit_status: int
     resumed: bool = False
     host: str = ""
-    rows: tuple[SuiteRow, ...] = ()
     line: str = ""
     gate: tuple[str, ...] = ()
     report: str = ""
-    notes: tuple[str, ...] = ()
     revision: str = ""
     base_revision: str = ""
 
@@ -136,8 +107,8 @@ def run_with_result(
     host: str = "",
     report: str = "",
 ) -> SuiteRun:
-    """A run that has a result."""
-    revision, base_revision = revisions(result)
+    """Return a run that has a result."""
+    revision, base_revision = wording.revisions(result)
     return SuiteRun(
         name=name or result.name,
         spec=spec,
@@ -147,11 +118,9 @@ def run_with_result(
         exit_status=result.verdict.exit_code,
         resumed=resumed,
         host=host,
-        rows=tuple(_rows(result)),
-        line=headline(result),
+        line=wording.headline(result),
         gate=result.gate,
         report=report,
-        notes=notes_of_an_open_run(result),
         revision=revision,
         base_revision=base_revision,
     )
@@ -166,7 +135,7 @@ def run_with_error(
     host: str = "",
     report: str = "",
 ) -> SuiteRun:
-    """A run that failed, or a spec that could not be run."""
+    """Return a run that failed, or a spec that could not be run."""
     return SuiteRun(
         name=name,
         spec=spec,
@@ -179,137 +148,166 @@ def run_with_error(
     )
 
 
-def failure_page(error: R2bspecError, spec: str, path: str) -> bytes:
-    """The HTML page of a call that failed before it had a run."""
-    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    run = run_with_error(error, name=Path(spec).name, spec=spec)
-    summary = SuiteSummary(started_at=now, ended_at=now, exit_status=error.exit_code, runs=(run,))
-    return render("html", summary, {}, path)
-
-
-def _decisive_ratio(result: Result, rate_hz: float, monitor: str) -> RequirementVerdict | None:
-    """The ratio to a base at a rate that matters most: one that failed, or else is open."""
-    ratios = [
-        requirement
-        for requirement in result.verdict.requirements
-        if requirement.compared is not None
-        and requirement.monitor in {monitor, None}
-        and math.isclose(requirement.at_hz or 0.0, rate_hz)
-    ]
-    return max(ratios, key=lambda ratio: _URGENCY.index(ratio.outcome), default=None)
-
-
-def _rows(result: Result) -> Iterator[SuiteRow]:
-    search = result.metrics.search
-    for rate in result.metrics.rates:
-        for monitor, seen in rate.pooled.monitors.items():
-            compared = _decisive_ratio(result, rate.offered_hz, monitor)
-            yield SuiteRow(
-                offered_hz=rate.offered_hz,
-                pace=rate.pace,
-                monitor=monitor,
-                throughput_hz=seen.throughput_hz,
-                latency_p50_s=seen.latency.p50,
-                latency_p99_s=seen.latency.p99,
-                peak_hz=search.holds_hz if search is not None else None,
-                ratio=compared.estimate if compared is not None else None,
-                ratio_metric=compared.metric if compared is not None else "",
-            )
-    if search is not None and not result.metrics.rates:
-        yield SuiteRow(offered_hz=0.0, pace="search", monitor="", peak_hz=search.holds_hz)
-
-
 Results = Mapping[str, Result]
 """The results of the runs that have one, by run folder."""
-
-_HEADER: Final = (
-    *("benchmark", "rate", "monitor", "throughput"),
-    *map(part_title, SHORT_PERCENTILES),
-    *("peak", "ratio to base", "verdict"),
-)
-_RATIO: Final = _HEADER.index("ratio to base")
-_NUMBERS: Final = frozenset(_HEADER[3:7])
-_WORDS: Final[dict[str, str]] = {
-    **dict(OUTCOME_WORDS.items()),
-    "error": "✘ ERROR",
-    "skipped": "– skipped",
-}
-_WIDEST: Final = 1000
-
 
 SUITE_FORMATS: Final = ("text", "json", "markdown", "html", "junit")
 """The formats of a summary, by the names of the formats of a run."""
 
+_WORDS: Final[dict[str, str]] = {
+    **dict(wording.OUTCOME_WORDS.items()),
+    "error": "✘ ERROR",
+    "skipped": "– skipped",
+}
+_WORST_FIRST: Final = ("error", "fail", "inconclusive", "pass", "")
+
 
 def render(name: str, summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:
-    """A summary in one of the `SUITE_FORMATS`, for a file of this path, or for standard output."""
+    """Return a summary in one of the `SUITE_FORMATS`, for a file of this path."""
     if name == "json":
         return msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n"
     told = _with_distinct_names(summary)
+    if name == "junit":
+        return harmless(_junit(told, summary.runs, results)).encode()
+    document = suite_document(told, results, path)
     if name == "html":
-        text = plain_page(_count_text(told), _sections(told, path))
-    elif name == "junit":
-        text = _junit(told, summary.runs, results)
-    else:
-        text = _markdown(told) if name == "markdown" else _text(told)
-    return harmless(text).encode()
+        from r2bspec.report.html.page import to_page
+
+        return harmless(to_page(document).decode()).encode()
+    if name == "markdown":
+        from r2bspec.report.markdown import to_markdown
+
+        return harmless(to_markdown(document)).encode()
+    from r2bspec.report.terminal import to_text
+
+    return harmless(to_text(document, whole_tables=True)).encode()
 
 
-def _text(summary: SuiteSummary) -> str:
-    """The outcomes, a table, then the first line of the report of each run that did not pass."""
-    from rich.text import Text
-
-    from r2bspec.report.terminal_tables import table
-
-    header = _header(summary)
-    grid = table(header)
-    for column, title in zip(grid.columns, header, strict=True):
-        column.justify = "right" if title in _NUMBERS else "left"
-    for _, cells in _table(summary):
-        grid.add_row(*map(Text, cells))
-    lines = [f"{_count_text(summary)}\n"]
-    if summary.runs:
-        lines += ["\n", printed_text(lambda page: page.print(grid), _WIDEST)]
-    lines += [f"\n{text}\n" for text in _paragraphs(summary)]
-    return "".join(lines)
-
-
-def _markdown(summary: SuiteSummary) -> str:
-    """The same for a comment or a step summary."""
-    from r2bspec.report.markdown import escaped, table
-
-    lines = [f"### {escaped(_count_text(summary))}", ""]
-    if summary.runs:
-        lines += table(
-            _header(summary), [tuple(map(escaped, cells)) for _, cells in _table(summary)]
-        )
-    reasons = [f"- {escaped(text)}" for text in _paragraphs(summary)]
-    return "\n".join([*lines, "", *reasons]).rstrip() + "\n"
-
-
-def _sections(summary: SuiteSummary, path: str) -> Iterator[str]:
-    """A page that links to the pages of the runs."""
-    yield f"<header>\n<h1>{html.escape(_count_text(summary))}</h1>\n</header>\n<main>"
-    rows = (
-        f"<tr>{''.join(_html_cells(summary, cells, run, path))}</tr>"
-        for run, cells in _table(summary)
+def suite_document(summary: SuiteSummary, results: Results, path: str = STDOUT) -> Document:
+    """Return the report of several runs, for a file of this path."""
+    counts: dict[str, int] = {}
+    for run in summary.runs:
+        counts[run.outcome] = counts.get(run.outcome, 0) + 1
+    number = pluralize(len(summary.runs), "run")
+    parts = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
+    verdicts = _verdict_table(summary, results, path)
+    sentences = tuple(_sentences(summary, results))
+    measured = _measurement_table(summary, results)
+    return Document(
+        line=f"{number}: {parts or 'nothing to run'}",
+        sections=(
+            *((Section("Verdicts", (verdicts,)),) if summary.runs else ()),
+            *((Section("Notes", (Items(sentences),)),) if sentences else ()),
+            *((Section("Measurements", (measured,), folded=True),) if measured.rows else ()),
+        ),
+        footer=f"{summary.started_at} to {summary.ended_at}",
     )
-    yield plain_table("Table of runs", _header(summary), _NUMBERS, rows)
-    for text in _paragraphs(summary):
-        yield f"<p>{html.escape(printable_lines(text))}</p>"
-    yield f"<p>{html.escape(summary.started_at)} to {html.escape(summary.ended_at)}</p>\n</main>"
 
 
-def _html_cells(
-    summary: SuiteSummary, cells: Sequence[str], run: SuiteRun, path: str
-) -> Iterator[str]:
-    """The cells of a line; the name of the run, in its first one, leads to its page."""
-    for number, (title, cell) in enumerate(zip(_header(summary), cells, strict=True)):
-        text = html.escape(printable(cell))
-        if number == 0 and cell and run.report:
-            link = html.escape(link_text(Path(run.report), path if path != STDOUT else ""))
-            text = f'<a href="{link}">{text}</a>'
-        yield f"<td{number_class(title, _NUMBERS)}>{text}</td>"
+def _verdict_table(summary: SuiteSummary, results: Results, path: str) -> Table:
+    """Return a row for each requirement of each run, the worst first."""
+    judged = [result for run in summary.runs if (result := results.get(run.folder)) is not None]
+    columns = requirement_columns(
+        (one for result in judged for one in result.verdict.requirements), specs=True
+    )
+    rows: list[Row] = []
+    for run in summary.runs:
+        spec = _spec_cell(run, path)
+        result = results.get(run.folder)
+        own: list[Row] = []
+        if result is not None and result.verdict.is_judged and run.outcome != "error":
+            own = requirement_rows(result, columns, spec=spec)
+        rows += own or [_bare_row(run, result, spec, len(columns))]
+    rows.sort(key=lambda row: _WORST_FIRST.index(row.outcome))
+    return Table("requirements", columns, tuple(rows))
+
+
+def _spec_cell(run: SuiteRun, path: str) -> Cell:
+    link = link_text(Path(run.report), path if path != STDOUT else "") if run.report else ""
+    return Cell(_called(run), link=link, after="(earlier run)" if run.resumed else "")
+
+
+def _bare_row(run: SuiteRun, result: Result | None, spec: Cell, columns: int) -> Row:
+    """Return the row of a run without verdicts on requirements, with the reason."""
+    word = _WORDS.get(run.outcome, run.outcome)
+    if result is not None and run.outcome == result.verdict.outcome:
+        word = wording.overall_word(result.verdict)
+    outcome = {"skipped": "", "invalid": "error", "incomplete": "error"}.get(
+        run.outcome, run.outcome
+    )
+    empty = (Cell(""),) * (columns - 2)
+    return Row((Cell(word), spec, *empty), (run.reason,) if outcome != "pass" else (), outcome)
+
+
+def _measurement_table(summary: SuiteSummary, results: Results) -> Table:
+    """Return what the monitors of each run received at each rate."""
+    rows = []
+    for run in summary.runs:
+        result = results.get(run.folder)
+        if result is None:
+            continue
+        search = result.metrics.search
+        peak = Cell(show(search.holds_hz, "Hz") if search is not None else "")
+        for rate in result.metrics.rates:
+            for monitor, seen in rate.pooled.monitors.items():
+                shown = (part_value(seen.latency, part) for part in SHORT_PERCENTILES)
+                cells = (
+                    *(Cell(_called(run)), Cell(monitor)),
+                    Cell(show_rate(rate.offered_hz, rate.pace)),
+                    Cell(show(seen.throughput_hz, "Hz")),
+                    *(Cell(show(value, "s")) for value in shown),
+                    peak,
+                )
+                rows.append(Row(cells))
+        if search is not None and not result.metrics.rates:
+            rows.append(Row((Cell(_called(run)), *(Cell(""),) * 5, peak)))
+    titles = ("offered", "throughput", *map(part_title, SHORT_PERCENTILES), "peak")
+    columns = (Column("spec", number=False), Column("monitor", number=False), *map(Column, titles))
+    return Table("measurements", columns, tuple(rows))
+
+
+def _sentences(summary: SuiteSummary, results: Results) -> Iterator[str]:
+    """Yield what is said below the table: of open runs, the machine, the gate, and the code."""
+    yield from (run.line for run in summary.runs if run.line and run.outcome != "pass")
+    busy = [
+        (_called(run), interference_text(result))
+        for run in summary.runs
+        if (result := results.get(run.folder)) is not None
+        and any(wording.open_on_busy_machine(one, result) for one in result.verdict.requirements)
+    ]
+    if busy:
+        names = ", ".join(name for name, _ in busy)
+        text = next((text for _, text in busy if text), "other programs used it")
+        yield f"The machine was busy in {names}: {text[:1].lower()}{text[1:]}"
+    yield from (f"{text[:1].upper()}{text[1:]}" for text in summary.gate)
+    names_of: dict[str, list[str]] = {}
+    for run in summary.runs:
+        for sentence in run.gate:
+            names_of.setdefault(sentence, []).append(_called(run))
+    yield from (f"{', '.join(called)}: {sentence}" for sentence, called in names_of.items())
+    yield from _revision_sentences(summary)
+
+
+def _revision_sentences(summary: SuiteSummary) -> Iterator[str]:
+    """The code that was run: once for all runs, and by name for those of other revisions.
+
+    A run without a base, such as that of a new spec, is no other if the head is the same.
+    """
+    names: dict[tuple[str, str], list[str]] = {}
+    # Runs with a base come first: the others have only half of what is said of them.
+    for run in sorted(summary.runs, key=lambda run: not run.base_revision):
+        same = ((head, base) for head, base in names if head == run.revision)
+        code = (run.revision, run.base_revision)
+        if run.revision:
+            known = code if run.base_revision else next(same, code)
+            names.setdefault(known, []).append(_called(run))
+    usual = max(names, key=lambda code: len(names[code]), default=None)
+    for code, called in names.items():
+        text = wording.revisions_text(*code)
+        if code == usual:
+            yield f"{text[:1].upper()}{text[1:]}"
+        else:
+            yield f"{', '.join(called)}: {text}"
 
 
 def _junit(summary: SuiteSummary, known_runs: Sequence[SuiteRun], results: Results) -> str:
@@ -353,102 +351,5 @@ def _with_path(run: SuiteRun) -> SuiteRun:
     return msgspec.structs.replace(run, name=name, line=line)
 
 
-def _has_hosts(summary: SuiteSummary) -> bool:
-    return any(run.host for run in summary.runs)
-
-
-def _has_ratios(summary: SuiteSummary) -> bool:
-    return any(row.ratio is not None for run in summary.runs for row in run.rows)
-
-
-def _header(summary: SuiteSummary) -> tuple[str, ...]:
-    """The titles of the columns: hosts and ratios only where there are some."""
-    return _chosen(_HEADER, ("host",), summary)
-
-
-def _chosen(
-    cells: tuple[str, ...], host: tuple[str, ...], summary: SuiteSummary
-) -> tuple[str, ...]:
-    """The cells of a line, with the host after the first, that this table has columns for."""
-    if not _has_ratios(summary):
-        cells = (*cells[:_RATIO], *cells[_RATIO + 1 :])
-    return (cells[0], *(host if _has_hosts(summary) else ()), *cells[1:])
-
-
-def _table(summary: SuiteSummary) -> Iterator[tuple[SuiteRun, tuple[str, ...]]]:
-    """The lines of each run; its name and its outcome stand in the first."""
-    for run in summary.runs:
-        word = _WORDS.get(run.outcome, run.outcome) + (" (earlier run)" if run.resumed else "")
-        lines = [_cells(row) for row in run.rows] or [("",) * (len(_HEADER) - 2)]
-        for number, line in enumerate(lines):
-            name, host, outcome = ("", "", "") if number else (run.name, run.host, word)
-            yield run, _chosen((name, *line, outcome), (host,), summary)
-
-
-def _cells(row: SuiteRow) -> tuple[str, ...]:
-    return (
-        "search" if row.pace == "search" else show_rate(row.offered_hz, row.pace),
-        row.monitor,
-        show(row.throughput_hz, "Hz"),
-        *(show(getattr(row, f"latency_{part}_s"), "s") for part in SHORT_PERCENTILES),
-        show(row.peak_hz, "Hz"),
-        "" if row.ratio is None else f"{row.ratio_metric} {show(row.ratio, 'share')}",
-    )
-
-
-def _paragraphs(summary: SuiteSummary) -> Iterator[str]:
-    """What is said below the table: of runs that did not pass, of the gate, and of the code.
-
-    What the gate says of the comparison with a base is said once, with the runs it is about.
-    """
-    yield from (_told(run) for run in summary.runs if run.outcome not in {"pass", "skipped"})
-    yield from (f"{text[:1].upper()}{text[1:]}" for text in summary.gate)
-    names: dict[str, list[str]] = {}
-    for run in summary.runs:
-        for sentence in run.gate:
-            names.setdefault(sentence, []).append(_called(run))
-    yield from (f"{', '.join(called)}: {sentence}" for sentence, called in names.items())
-    yield from _revision_sentences(summary)
-
-
-def _revision_sentences(summary: SuiteSummary) -> Iterator[str]:
-    """The code that was run: once for all runs, and by name for those of other revisions.
-
-    A run without a base, such as that of a new spec, is no other if the head is the same.
-    """
-    names: dict[tuple[str, str], list[str]] = {}
-    # Runs with a base come first: the others have only half of what is said of them.
-    for run in sorted(summary.runs, key=lambda run: not run.base_revision):
-        same = ((head, base) for head, base in names if head == run.revision)
-        code = (run.revision, run.base_revision)
-        if run.revision:
-            known = code if run.base_revision else next(same, code)
-            names.setdefault(known, []).append(_called(run))
-    usual = max(names, key=lambda code: len(names[code]), default=None)
-    for code, called in names.items():
-        text = revisions_text(*code)
-        if code == usual:
-            yield f"{text[:1].upper()}{text[1:]}"
-        else:
-            yield f"{', '.join(called)}: {text}"
-
-
-def _told(run: SuiteRun) -> str:
-    """The first line of the report of a run with its main notes, or its error."""
-    if run.line:
-        line = f"{run.line} (on {run.host})" if run.host else run.line
-        return ". ".join([line, *(note.rstrip(".") for note in run.notes)])
-    return f"{_WORDS.get(run.outcome, run.outcome)} {_called(run)}: {run.reason}"
-
-
 def _called(run: SuiteRun) -> str:
     return f"{run.name} on {run.host}" if run.host else run.name
-
-
-def _count_text(summary: SuiteSummary) -> str:
-    """How many runs had which outcome: ``3 runs: 2 pass, 1 fail``."""
-    counts: dict[str, int] = {}
-    for run in summary.runs:
-        counts[run.outcome] = counts.get(run.outcome, 0) + 1
-    parts = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
-    return f"{pluralize(len(summary.runs), 'run')}: {parts or 'nothing to run'}"

@@ -1,54 +1,70 @@
-"""The report in the terminal: the verdict in a line, what it rests on, then the values.
-
-A requirement has one line of values, and the reason where it is not met.
-"""
+"""Documents in a terminal, and as plain text."""
 
 from __future__ import annotations
 
 import io
 import shutil
 import sys
-from itertools import groupby
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Final
 
 from rich.console import Console, Group, RenderableType
 from rich.padding import Padding
-from rich.table import Table
+from rich.table import Table as Grid
 from rich.text import Text
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import to_json
-from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import Verdict
-from r2bspec.record.run_record import SearchRecord
-from r2bspec.report import report_wording as wording
-from r2bspec.report.findings_text import wants_colour
-from r2bspec.report.headline import headline, reason_after
-from r2bspec.report.notes import Notes, notes
-from r2bspec.report.output import console, echo, echo_document, printed_text
-from r2bspec.report.result_table import RequirementRow, reasons, requirement_rows
-from r2bspec.report.terminal_tables import (
-    DIM_STYLE,
-    OUTCOME_STYLES,
-    anatomy_sections,
-    harness_overhead_section,
-    heading,
-    hop_sections,
-    load_section,
-    monitor_sections,
-    overall_text,
+from r2bspec.report.document import (
+    ROOMY_COLUMNS,
+    Block,
+    Cell,
+    Chart,
+    Detail,
+    Document,
+    Fold,
+    Items,
+    Paragraph,
+    Row,
+    Table,
+    Verbatim,
+    within,
 )
+from r2bspec.report.findings_text import wants_colour
+from r2bspec.report.output import (
+    MAX_TABLE_ROWS,
+    console,
+    echo,
+    echo_document,
+    printed_text,
+    rows_left_out,
+)
+from r2bspec.report.result_document import result_document
 
-_MIN_WIDTH = 60
+_MIN_WIDTH: Final = 60
 """Tables do not shrink below this; narrower terminals wrap."""
 
-_PIPED_WIDTH = 100
+_PIPED_WIDTH: Final = ROOMY_COLUMNS
 """The width of the text where there is no terminal."""
 
-_WIDEST = 1000
+_WIDEST: Final = 1000
 """The limit for the width of tables where there is no terminal."""
+
+_MIN_WORDS: Final = 16
+"""The narrowest column of words."""
+
+_GAP: Final = 2
+_QUIET: Final = "dim"
+_STYLES: Final = {
+    "pass": "bold green",
+    "fail": "bold red",
+    "inconclusive": "bold yellow",
+    "invalid": "bold magenta",
+    "incomplete": "bold magenta",
+    "error": "bold red",
+}
 
 
 def show_result(
@@ -65,222 +81,158 @@ def show_result(
     if output_format == "json":
         # As bytes: JSON is UTF-8, whatever the encoding of the terminal.
         echo_document(to_json(result), nl=False)
-    elif sys.stdout.isatty():
-        terminal = standard_output()
-        _print_report(result, folder, terminal, terminal.width, verbose=verbose)
     else:
-        width = max(shutil.get_terminal_size((_PIPED_WIDTH, 24)).columns, _PIPED_WIDTH)
-        text = to_text(result, folder, width, whole_tables=True, verbose=verbose)
-        echo(text, nl=False)
+        document = result_document(ReportInput(result=result, verbose=verbose))
+        show_document(document, str(folder) if folder is not None else "")
 
 
-def standard_output() -> Console:
-    """A console for standard output."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        # A terminal that cannot show ✔ gets a question mark, not a traceback.
-        sys.stdout.reconfigure(errors="replace")
-    colour = wants_colour(sys.stdout)
-    return console(color_system="auto" if colour else None)
+def show_document(document: Document, end: str = "") -> None:
+    """Write a document to standard output, with `end` and the outcome as its last line."""
+    if sys.stdout.isatty():
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            # A terminal that cannot show ✔ gets a question mark, not a traceback.
+            sys.stdout.reconfigure(errors="replace")
+        page = console(color_system="auto" if wants_colour(sys.stdout) else None)
+        _print(document, page, page.width, end)
+    else:
+        echo(to_text(document, end, _piped_width(), whole_tables=True), nl=False)
 
 
-def _print_report(
-    result: Result, folder: Path | None, console: Console, width: int, *, verbose: bool
-) -> None:
-    """Print a result; tables that are wider than the report have the width of the console."""
-    width = max(width, _MIN_WIDTH)
-    is_wider = console.width > width
-    line = headline(result)
-    # One line, however long, where no terminal would wrap it: it is what logs are searched for.
-    console.print(first_line(line, result.verdict), soft_wrap=is_wider)
-    sections = (
-        second_line(line, result.verdict),
-        header(result),
-        verdict_section(result.verdict, width, wording.own_pace(result.metrics), verbose=verbose),
-        notes_section(notes(result, verbose=verbose)),
-        *monitor_sections(result, width),
-        *hop_sections(result.metrics),
-        *anatomy_sections(result, verbose=verbose),
-        load_section(result.metrics, width),
-        harness_overhead_section(result.harness_overhead),
-        search_section(result.metrics.search),
-    )
-    for section in sections:
-        if section is not None:
-            shown = max(width, _table_width(section, console)) if is_wider else None
-            console.print(section, width=shown)
-            console.print()
-    if folder is not None:
-        # Unwrapped, so that it can be copied. The outcome once more: its line may be out of sight.
-        last = Text.assemble(overall_text(result.verdict), "  ", (str(folder), DIM_STYLE))
-        console.print(last, soft_wrap=True)
-
-
-def _table_width(section: RenderableType, console: Console) -> int:
-    """The width of the widest table of a section; 0 without tables."""
-    parts = section.renderables if isinstance(section, Group) else [section]
-    tables = [part for part in parts if isinstance(part, Table)]
-    return max((console.measure(table).maximum for table in tables), default=0)
+def _piped_width() -> int:
+    return max(shutil.get_terminal_size((_PIPED_WIDTH, 24)).columns, _PIPED_WIDTH)
 
 
 def to_text(
-    result: Result,
-    folder: Path | None = None,
-    width: int = 100,
-    *,
-    whole_tables: bool = False,
-    verbose: bool = False,
+    document: Document, end: str = "", width: int = _PIPED_WIDTH, *, whole_tables: bool = False
 ) -> str:
-    """The report as plain text, without colours.
+    """Return a document as plain text, without colours.
 
     Args:
-        result: what to show.
-        folder: the run folder, named in the last line.
+        document: what to show.
+        end: see `show_document`.
         width: of the text, in columns.
         whole_tables: tables that are wider are not cut.
-        verbose: with every reason and every note.
     """
     return printed_text(
-        lambda page: _print_report(result, folder, page, width, verbose=verbose),
-        _WIDEST if whole_tables else width,
+        lambda page: _print(document, page, width, end), _WIDEST if whole_tables else width
     )
 
 
-_PROBE_STYLES = {True: "green", False: "red", None: "yellow"}
-
-
-def header(result: Result) -> RenderableType:
-    """The benchmark, the machine, the data, and the version."""
-    title = result.title or result.name
-    where = [
-        _fact(result.machine, "cpu"),
-        f"{_fact(result.machine, 'cores')} cores" if "cores" in result.machine else "",
-        wording.loaded_rmw(result),
-        _fact(result.dataset, "source"),
-        wording.code_text(result),
-        wording.starts_text(result.starts),
-        f"r2bspec {result.versions['r2bspec']}" if "r2bspec" in result.versions else "",
-    ]
-    lines = [Text(title, style="bold"), Text(" · ".join(filter(None, where)), style=DIM_STYLE)]
-    if result.judged_by:
-        lines.append(
-            Text(f"judged by the objectives and the gate of {result.judged_by}", style=DIM_STYLE)
-        )
-    lines += [Text(line, style=DIM_STYLE) for line in wording.comparison(result)]
-    return Group(*(line for line in lines if line.plain))
-
-
-def _fact(facts: dict[str, Any], key: str) -> str:
-    return str(facts.get(key) or "")
-
-
-def search_section(search: SearchRecord | None) -> RenderableType | None:
-    """The peak as a bracket, what limited it, and every probe in the order of probing."""
-    if search is None or not search.probes:
-        return None
-    probes = Text("  ")
-    for number, probe in enumerate(search.probes):
-        probes.append(" " if number else "")
-        probes.append(
-            f"{probe.rate_hz:.4g}{wording.probe_mark(probe)}",
-            style=_PROBE_STYLES[True if probe.keeps_up and probe.holds is None else probe.holds],
-        )
-    lines: list[RenderableType] = [heading("search", f"peak {wording.peak_text(search)}"), probes]
-    failed = [probe for probe in search.probes if probe.rate_hz == search.fails_hz]
-    if failed and failed[-1].holds is False:
-        last = failed[-1]
-        reason = f"at {show(last.rate_hz, 'Hz')}: {last.reason}"
-        lines.append(Padding(Text(reason, style=DIM_STYLE), (0, 0, 0, 2)))
-    return Group(*lines)
-
-
-def notes_section(notes: Notes) -> RenderableType | None:
-    """The notes; None if there are none."""
-    if not notes.shown:
-        return heading("notes", notes.more) if notes.more else None
-    lines = [Text(text) for text in notes.shown]
-    if notes.more:
-        lines.append(Text(notes.more, style=DIM_STYLE))
-    return Group(heading("notes"), *(Padding(line, (0, 0, 0, 2), expand=False) for line in lines))
-
-
-def first_line(line: str, verdict: Verdict) -> Text:
-    """The first line of the report, with its outcome in colour."""
-    word = overall_text(verdict)
-    return Text.assemble(word, (line.removeprefix(word.plain), "bold"))
-
-
-def second_line(line: str, verdict: Verdict) -> RenderableType | None:
-    """The verdict in a sentence; None if the first line has said it."""
-    reason = reason_after(line, verdict)
-    return Text(reason) if reason else None
-
-
-_INDENT = 2
-_REASON_INDENT = 4
-_MIN_TEXT_WIDTH = 16
-
-
-def verdict_section(
-    verdict: Verdict, width: int, pace: str = "", *, verbose: bool = False
-) -> RenderableType | None:
-    """Every requirement, by objective; None if there are none.
-
-    Args:
-        verdict: to show.
-        width: of the terminal.
-        pace: what set the rate of messages, where none was offered.
-        verbose: with the reasons of requirements that are met, too.
-    """
-    if not verdict.requirements:
-        return None
-    rows = requirement_rows(verdict)
-    texts = {row.index: own for row, own in zip(rows, reasons(rows), strict=True)}
-    widths = _widths(rows, width)
-    parts: list[RenderableType] = []
-    for (name, at_hz), group in groupby(
-        rows, key=lambda row: (row.verdict.objective, row.verdict.at_hz)
-    ):
-        if parts:
-            parts.append("")
-        parts.append(heading(name, at_rate(at_hz, pace) if at_hz or pace else ""))
-        for row in group:
-            explained = verbose or row.verdict.outcome != "pass"
-            parts += _requirement(row, texts[row.index] if explained else [], widths)
-    return Group(*parts)
-
-
-def _widths(rows: list[RequirementRow], width: int) -> tuple[int, int, int, int]:
-    """Column widths for all rows; without enough room, the requirements are wrapped."""
-    outcome = max(Text(row.word).cell_len for row in rows)
-    estimate = max(len(row.estimate) for row in rows)
-    bounds = max(len(row.bounds) for row in rows)
-    room = width - _INDENT - outcome - estimate - bounds - 2 * 3
-    text = min(max(len(row.text) for row in rows), max(room, _MIN_TEXT_WIDTH))
-    return outcome, text, estimate, bounds
-
-
-def _requirement(
-    row: RequirementRow, texts: list[str], widths: tuple[int, int, int, int]
-) -> list[RenderableType]:
-    cells = Table.grid(padding=(0, 2, 0, 0), pad_edge=False)
-    for number, column in enumerate(widths):
-        cells.add_column(width=column, overflow="fold", justify="left" if number < 2 else "right")
-    word = Text(row.word, style=OUTCOME_STYLES[row.verdict.outcome])
-    cells.add_row(word, *map(Text, (row.text, row.estimate, row.bounds)))
-    return [
-        Padding(cells, (0, 0, 0, _INDENT)),
-        *(
-            Padding(
-                Text(text, style=DIM_STYLE if number else ""),
-                (0, 0, 0, _REASON_INDENT),
-                expand=False,
-            )
-            for number, text in enumerate(texts)
-        ),
-    ]
-
-
 def render(report_input: ReportInput) -> bytes:
-    """The terminal report without colours, 100 columns wide; wider tables are not cut."""
-    text = to_text(report_input.result, whole_tables=True, verbose=report_input.verbose)
-    return text.encode()
+    """Return the terminal report without colours; wide tables are not cut."""
+    return to_text(result_document(report_input), whole_tables=True).encode()
+
+
+def _print(document: Document, page: Console, width: int, end: str) -> None:
+    width = max(width, _MIN_WIDTH)
+    word = Text(document.word, style=_STYLES.get(document.outcome, "bold"))
+    # One line, however long, where no terminal would wrap it: it is what logs are searched for.
+    line = Text.assemble(word, (document.line.removeprefix(document.word), "bold"))
+    page.print(line, soft_wrap=page.width > width)
+    parts = [(text, "") for text in document.lead]
+    parts += [(document.title, "bold"), (" · ".join(document.facts), _QUIET)]
+    for text, style in parts:
+        if text:
+            page.print(Text(text, style=style), width=width)
+    detail = Detail.ROOMY if width >= ROOMY_COLUMNS else Detail.ALWAYS
+    for section in within(document.sections, detail):
+        for place, block in enumerate(within(section.blocks, detail)):
+            if place == 0 or not (isinstance(block, Paragraph) and block.quiet):
+                page.print()
+            if isinstance(block, Items):
+                page.print(_heading(section.title.lower()))
+            for part in _shown(block, width, detail):
+                page.print(part, width=_widest(part, width, page))
+    if end:
+        # Unwrapped, so that it can be copied. The outcome once more: its line may be out of sight.
+        page.print()
+        page.print(Text.assemble(word, "  ", (end, _QUIET)), soft_wrap=True)
+
+
+def _widest(part: RenderableType, width: int, page: Console) -> int:
+    """Return the width for a part: a table may be wider than the text where nothing cuts it."""
+    if isinstance(part, Grid) and page.width > width:
+        return max(width, page.measure(part).maximum)
+    return width
+
+
+def _heading(text: str, aside: str = "") -> Text:
+    return Text.assemble((text, "bold"), (f"  {aside}" if aside else "", _QUIET))
+
+
+def _shown(block: Block, width: int, detail: Detail) -> Iterator[RenderableType]:
+    """Yield what a block shows, one below the other."""
+    match block:
+        case Table():
+            table = block.shown(detail)
+            if table.title:
+                yield _heading(table.title, table.aside)
+            yield from _grids(table, width)
+        case Paragraph():
+            yield Text(block.text, style=_QUIET if block.quiet else "")
+        case Items():
+            yield from (Padding(Text(text), (0, 0, 0, _GAP), expand=False) for text in block.texts)
+        case Verbatim():
+            yield Padding(Text(block.text), (0, 0, 0, _GAP), expand=False)
+        case Fold():
+            yield _heading(block.title)
+            for inner in within(block.blocks, detail):
+                yield from _shown(inner, width, detail)
+        case Chart():
+            pass
+
+
+def _grids(table: Table, width: int) -> Iterator[RenderableType]:
+    """Yield the rows of a table, all in columns of the same widths, with details between them."""
+    header = Row(tuple(Cell(column.title) for column in table.columns), quiet=True)
+    shown = table.rows[:MAX_TABLE_ROWS]
+    widths = _widths(table, (header, *shown), width)
+    grid = _new_grid(table, widths)
+    for row in (header, *shown):
+        grid.add_row(*_texts(row))
+        if row.details:
+            yield grid
+            reason, *more = row.details
+            lines = Group(Text(reason), *(Text(text, style=_QUIET) for text in more))
+            yield Padding(lines, (0, 0, 0, 2 * _GAP), expand=False)
+            grid = _new_grid(table, widths)
+    if grid.rows:
+        yield grid
+    if len(table.rows) > len(shown):
+        yield Text(rows_left_out(len(table.rows) - len(shown)), style=_QUIET)
+
+
+def _new_grid(table: Table, widths: Sequence[int]) -> Grid:
+    grid = Grid.grid(padding=(0, _GAP, 0, 0), pad_edge=False)
+    for column, width in zip(table.columns, widths, strict=True):
+        justify = "right" if column.number else "left"
+        grid.add_column(width=width, justify=justify, no_wrap=column.number, overflow="fold")  # type: ignore[arg-type]
+    return grid
+
+
+def _texts(row: Row) -> Iterator[Text]:
+    for place, cell in enumerate(row.cells):
+        if row.quiet:
+            yield Text(cell.words, style=_QUIET)
+        elif place == 0 and row.outcome:
+            yield Text(cell.words, style=_STYLES.get(row.outcome, ""))
+        else:
+            before = (f"{cell.before} ", _QUIET) if cell.before else ""
+            after = (f" {cell.after}", _QUIET) if cell.after else ""
+            yield Text.assemble(before, cell.text, after)
+
+
+def _widths(table: Table, rows: Sequence[Row], width: int) -> list[int]:
+    """Return the widths of the columns; without enough room, the widest words are wrapped."""
+    widths = [
+        max(Text(row.cells[place].words).cell_len for row in rows)
+        for place in range(len(table.columns))
+    ]
+    excess = sum(widths) + _GAP * (len(widths) - 1) - width
+    words = [place for place, column in enumerate(table.columns) if not column.number]
+    for place in sorted(words, key=lambda place: -widths[place]):
+        if excess > 0:
+            narrower = max(min(widths[place], _MIN_WORDS), widths[place] - excess)
+            excess -= widths[place] - narrower
+            widths[place] = narrower
+    return widths

@@ -4,28 +4,32 @@ A file is written atomically; its folders are created.
 
 Of a run that ended before there was anything to report, the reports say why. A pipeline shows the
 requested reports, and its readers see no log. So the formats that people read in a pipeline
-(``markdown``, ``github``, ``junit``) have the error and its findings; others are not written.
+(``markdown``, ``html``, ``github``, ``junit``) have the error and its findings, and ``json`` the
+error; others are not written.
 """
 
 from __future__ import annotations
 
 import fnmatch
 import glob
+import json
 import os
 import re
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import quote
 
 from r2bspec.compare.report_input import ReportInput, read_folder
 from r2bspec.diagnostics import Diagnostic, Severity, Span
+from r2bspec.diagnostics.plain_text import harmless
 from r2bspec.errors import R2bspecError
 from r2bspec.record.files import write_output
 from r2bspec.record.run_folder import FOLDER_ENTRIES, RECORD_FILES
 from r2bspec.report import finding_formats, format_registry
+from r2bspec.report.document import Document, Section, Verbatim
 from r2bspec.report.findings_text import render_text
 from r2bspec.safe_io.safe_file import is_folder, is_there
 
@@ -210,13 +214,36 @@ def write_failure_reports(
         diagnostics = (Diagnostic(error.code, Severity.ERROR, str(error), place, help=error.hint),)
     loaded = getattr(error, "loaded", None)
     sources: Mapping[str, str] = loaded.texts if loaded is not None else {}
+    document = Document(
+        line=f"✘ error {error.code}: nothing was measured",
+        word="✘ error",
+        outcome="error",
+        sections=(Section("Error", (Verbatim(render_text(diagnostics, sources)),)),),
+    )
     for request in requests:
         if request.format == "markdown":
-            # Indented, so that nothing in the text ends the block or is markup.
-            block = render_text(diagnostics, sources).replace("\n", "\n    ").rstrip()
-            content = f"### ✘ error {error.code}: nothing was measured\n\n    {block}\n"
+            from r2bspec.report.markdown import to_markdown
+
+            content = harmless(to_markdown(document))
+        elif request.format == "html":
+            from r2bspec.report.html.page import to_page
+
+            content = harmless(to_page(document).decode())
         elif request.format in {"github", "junit"}:
             content = finding_formats.render(request.format, diagnostics, sources)
+        elif request.format == "json":
+            content = json.dumps(failure(error), indent=2) + "\n"
         else:
             continue
         write_report(request.path, content.encode())
+
+
+def failure(error: R2bspecError) -> dict[str, Any]:
+    """Return an error as JSON has it in place of a result."""
+    return {
+        "r2bspec_error": 1,
+        "code": error.code,
+        "message": str(error),
+        "hint": error.hint,
+        "exit_status": int(error.exit_code),
+    }

@@ -18,12 +18,13 @@ from r2bspec.extras import install_command
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.plan.canonical_json import plan_hash
 from r2bspec.record.files import FolderTakenError, write_atomically
+from r2bspec.report.markdown import to_markdown
 from r2bspec.safe_io.private_files import private_files
 from r2bspec.tune.machine import RealMachine, TuningError, goal_of
 from r2bspec.tune.overlay import write_overlay
 from r2bspec.tune.search import Search, SearchLimits
 from r2bspec.tune.space import Space
-from r2bspec.tune.tuning_result import TuningResult, to_markdown, write_tuning
+from r2bspec.tune.tuning_result import TuningResult, tuning_document, write_tuning
 
 RUNS_FOLDER: Final = "trials"
 PAGE_FILE: Final = "tuning.md"
@@ -112,7 +113,7 @@ def tune(
             proof=found.proof,
         )
         write_tuning(folder, result)
-        write_atomically(folder / PAGE_FILE, to_markdown(result).encode())
+        write_atomically(folder / PAGE_FILE, to_markdown(tuning_document(result)).encode())
     if write is not None and result.is_proved and found.winner is not None:
         plan = machine.prepare(found.winner).plan
         about = f"Values that 'r2bspec tune' has proved. {result.reason}"

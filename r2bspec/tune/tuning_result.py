@@ -17,7 +17,7 @@ from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.diagnostics.quote import pluralize
 from r2bspec.judge.measure.units import show
 from r2bspec.record.files import write_atomically
-from r2bspec.report import markdown
+from r2bspec.report.document import Cell, Column, Document, Row, Section, Table
 from r2bspec.tune.space import TODAY, changes_text, value_text
 
 TUNING_FILE: Final = "tuning.json"
@@ -173,16 +173,31 @@ def write_tuning(folder: Path, result: TuningResult) -> None:
     write_atomically(folder / TUNING_FILE, to_json(result))
 
 
-HEADER: Final = ("trial", "outcome", "cost", "starts", "values", "why")
+_COLUMNS: Final = (
+    Column("trial", number=False),
+    Column("outcome", number=False),
+    Column("cost"),
+    Column("starts"),
+    Column("values", number=False),
+    Column("why", number=False),
+)
 
 
-def summary(result: TuningResult) -> Iterator[str]:
-    """The outcome, the values of the winner, and what its proof shows, a line each."""
-    yield f"{result.name}: {result.outcome.upper()}. {result.reason}"
+def tuning_document(result: TuningResult) -> Document:
+    """Return the report of a search: the winner, its proof, and every trial, the best first."""
+    rows = tuple(_row(trial, result) for trial in sorted(result.trials, key=attrgetter("rank")))
+    return Document(
+        line=f"{result.name}: {result.outcome.upper()}. {result.reason}",
+        lead=tuple(_winner(result)),
+        sections=(Section("Trials", (Table("trials", _COLUMNS, rows, f"cost: {result.goal}"),)),),
+    )
+
+
+def _winner(result: TuningResult) -> Iterator[str]:
     for path, value in (result.winner or {}).items():
-        yield f"  {path}: {value_text(value)}"
+        yield f"{path}: {value_text(value)}"
     if result.proof is not None and result.proof.ratio is not None:
-        yield f"  {result.goal}: {_proof_text(result.proof, result.goal_unit)}"
+        yield f"{result.goal}: {_proof_text(result.proof, result.goal_unit)}"
 
 
 def _proof_text(proof: Proof, unit: str) -> str:
@@ -194,14 +209,9 @@ def _proof_text(proof: Proof, unit: str) -> str:
     return f"{values}, {percent(proof.ratio)} % ({interval}) in {pluralize(proof.pairs, 'pair')}"
 
 
-def trial_rows(result: TuningResult) -> list[tuple[str, ...]]:
-    """The cells of every trial, the best first, in the columns of `HEADER`."""
-    return [_row(trial, result) for trial in sorted(result.trials, key=attrgetter("rank"))]
-
-
-def _row(trial: Trial, result: TuningResult) -> tuple[str, ...]:
+def _row(trial: Trial, result: TuningResult) -> Row:
     worst = min(trial.starts, key=lambda start: start.outcome in {"pass", "inconclusive"})
-    return (
+    texts = (
         str(trial.number),
         worst.outcome,
         show(trial.cost, result.goal_unit) if trial.cost is not None else "",
@@ -209,13 +219,4 @@ def _row(trial: Trial, result: TuningResult) -> tuple[str, ...]:
         changes_text(trial.changes, result.values) if trial.changes else TODAY,
         trial.failure or next((start.reason for start in trial.starts if start.reason), ""),
     )
-
-
-def to_markdown(result: TuningResult) -> str:
-    """Return the result as CommonMark with the tables of GitHub and GitLab."""
-    first, *others = summary(result)
-    lines = [f"### {markdown.escaped(first)}", ""]
-    lines += [f"- {markdown.code(line.strip())}" for line in others]
-    rows = [tuple(map(markdown.escaped, row)) for row in trial_rows(result)]
-    lines += ["", f"Cost: {markdown.escaped(result.goal)}", "", *markdown.table(HEADER, rows)]
-    return "\n".join(lines)
+    return Row(tuple(map(Cell, texts)))

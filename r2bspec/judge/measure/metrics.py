@@ -20,8 +20,10 @@ from r2bspec.judge.measure.distribution import (
     TAIL_PERCENTILE,
     Distribution,
     part_value,
+    quantile,
 )
 from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
+from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH
 from r2bspec.judge.measure.sample_table import MonitorSamples
 from r2bspec.judge.measure.samples import HopSamples, RunSamples, SegmentSamples, pool_segments
 from r2bspec.judge.measure.times import Seconds, rank
@@ -107,17 +109,33 @@ class PlaybackMetrics(msgspec.Struct, frozen=True, kw_only=True):
     lateness: Distribution
 
 
+class WorkMetrics(msgspec.Struct, frozen=True, kw_only=True):
+    """The processor time of `n` steps, in seconds each."""
+
+    n: int
+    mean: float
+    p10: float
+    p25: float
+    p50: float
+    p90: float
+
+
+WORK_PARTS: Final = ("mean", "p10", "p25", "p50", "p90")
+
+
 class UseMetrics(msgspec.Struct, frozen=True, kw_only=True):
     """What a process and its descendants used; for the machine, all processes.
 
     `faults_per_message` is the number of page faults without reading from disk for each step that
-    was played; None if it was not counted, or nothing was played.
+    was played; None if it was not counted, or nothing was played. `work` is None where the
+    processor time of steps was not read.
     """
 
     cpu_mean: float | None
     cpu_max: float | None
     memory_max_bytes: int | None
     faults_per_message: float | None = None
+    work: WorkMetrics | None = None
 
 
 class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
@@ -232,9 +250,14 @@ def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
             name: _monitor(seen, samples.hops.get(name, ()))
             for name, seen in samples.monitors.items()
         },
-        processes={name: _use(used, sent) for name, used in samples.processes.items()},
+        processes={
+            name: _use(used, sent, samples.known_work(name))
+            for name, used in samples.processes.items()
+        },
         machine=_use(samples.machine) if samples.machine is not None else None,
-        graph=_use(samples.graph, sent) if samples.graph is not None else None,
+        graph=_use(samples.graph, sent, samples.known_work(WHOLE_GRAPH))
+        if samples.graph is not None
+        else None,
         interference=samples.interference,
         start=samples.segment.start,
         anatomy={name: distribution(times) for name, times in samples.anatomy.items()}
@@ -329,15 +352,25 @@ def _hop(hop: HopSamples) -> HopMetrics:
     )
 
 
-def _use(used: ResourceUse, sent: int = 0) -> UseMetrics:
-    """The use of a process while this number of steps was played."""
+def _use(used: ResourceUse, sent: int = 0, work: Seconds | None = None) -> UseMetrics:
+    """The use of a process while `sent` steps were played, of some of which the work is known."""
     known = used.minor_faults is not None and sent > 0
     return UseMetrics(
         cpu_mean=used.cpu_mean,
         cpu_max=used.cpu_max,
         memory_max_bytes=used.memory_max_bytes,
         faults_per_message=(used.minor_faults or 0.0) / sent if known else None,
+        work=_work(work) if work is not None and work.size else None,
     )
+
+
+def _work(steps: Seconds) -> WorkMetrics:
+    """Summarise the processor time of at least one step."""
+    ordered = np.sort(steps)
+    percentiles = {
+        part: float(ordered[rank(quantile(part) or 0.0, steps.size) - 1]) for part in WORK_PARTS[1:]
+    }
+    return WorkMetrics(n=int(steps.size), mean=float(steps.mean()), **percentiles)
 
 
 _NOTHING: Final = Distribution(n=0, min=None, mean=None, max=None, **dict.fromkeys(PERCENTILES))

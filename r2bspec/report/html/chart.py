@@ -20,6 +20,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
 from r2bspec.diagnostics.quote import printable
+from r2bspec.report.document import Chart
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -221,25 +222,6 @@ _STYLES: Final = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
 _MARKS: Final = ("o", "s", "^", "D", "v", "P")
 
 
-@dataclass(frozen=True)
-class Chart:
-    """A finished chart.
-
-    Attributes:
-        name: unique in the page.
-        title: the heading of the figure.
-        description: of the content, in words.
-        svg: the drawing itself.
-        note: what is omitted, or how to read it; may be empty.
-    """
-
-    name: str
-    title: str
-    description: str
-    svg: str
-    note: str = ""
-
-
 @dataclass
 class ChartBuilder:
     """A chart that is being drawn.
@@ -335,7 +317,7 @@ def draw(
     title, description = printable(title), printable(description)
     data = {"data-axes": json.dumps(axes, separators=(",", ":"))}
     svg = inline(buffer.getvalue(), name, title, description, data, sketch.labels)
-    return Chart(name, title, description, svg, printable(sketch.note))
+    return Chart(name, title, svg, description, printable(sketch.note))
 
 
 def _scale(axes: Axes, height_in: float, x_unit: str, y_unit: str) -> dict[str, Any]:

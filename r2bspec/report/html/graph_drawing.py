@@ -7,8 +7,6 @@ Arrows go around boxes, never through them. A direct curve is taken where it is 
 arrow leaves its box to the right, goes along a lane between rows of boxes, and enters the next box
 from the left. The gaps between columns have room for the vertical parts. Layers that have no room
 beside the others begin a new row; an arrow that passes by a whole row does so on the left of it.
-
-It is a part of the report of a run, and a page of its own: one file, without scripts.
 """
 
 from __future__ import annotations
@@ -21,8 +19,6 @@ from dataclasses import dataclass
 from r2bspec.diagnostics.quote import clip
 from r2bspec.plan.drawing import Arrow, BoxKind, FigureBox, figure
 from r2bspec.plan.plan import Plan
-from r2bspec.plan.time_estimate import estimate_time
-from r2bspec.report.html.templates import own_style, render_template
 
 _SAMPLES = 40
 _CLEARANCE = 3.0
@@ -345,19 +341,3 @@ def _description(arrows: Sequence[Arrow], placed: Mapping[str, PlacedBox]) -> st
     return (
         "Messages go from " + "; from ".join(texts) + "." if texts else "There are no connections."
     )
-
-
-_WIDE = "header,main{max-width:none}\n"
-"""The drawing has the whole width of the window, or of the panel of an editor."""
-
-
-def render_graph(plan: Plan) -> bytes:
-    """The page, UTF-8. The same plan gives the same bytes."""
-    context = {
-        "name": plan.name,
-        "title": plan.title or plan.name,
-        "time": estimate_time(plan).text(),
-        "graph": lay_out(plan, {}),
-        **own_style(_WIDE),
-    }
-    return render_template("graph_page.html.j2", context)

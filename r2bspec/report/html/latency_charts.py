@@ -18,6 +18,7 @@ from r2bspec.judge.measure.sample_table import MonitorSamples
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, known_latencies
 from r2bspec.judge.measure.units import at_rate, show, show_rate
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.report.document import Chart
 from r2bspec.report.html import chart
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ _MIN_LOG_RATIO = 20.0
 """From this ratio of the largest latency to the median on, the latency axis is logarithmic."""
 
 
-def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> chart.Chart:
+def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> Chart:
     """One curve for each offered rate, with the limits and bounds of its requirements.
 
     Args:
@@ -243,7 +244,7 @@ _MESSAGE_RATES = 6
 _WORST_FIRST = ("fail", "inconclusive", "pass")
 
 
-def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> chart.Chart:
+def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> Chart:
     """A row for each offered rate; iterations follow each other from left to right.
 
     See `percentile_chart`.

@@ -18,10 +18,11 @@ from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import Rows
+from r2bspec.report.document import Chart
 from r2bspec.report.html import chart
-from r2bspec.report.html.chart import PALETTE, Chart, ChartBuilder, colour, draw, line_style, write
-from r2bspec.report.report_wording import all_probes
+from r2bspec.report.html.chart import PALETTE, ChartBuilder, colour, draw, line_style, write
 from r2bspec.report.result_table import monitor_names
+from r2bspec.report.wording import all_probes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,9 +43,7 @@ _DISTURBED: Final = "probe: host interference"
 _COLOURS: Final = {True: "good", False: "bad", None: "quiet"}
 
 
-def load_curve_chart(
-    name: str, metrics: RunMetrics, run: Run | None, verdict: Verdict
-) -> chart.Chart:
+def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: Verdict) -> Chart:
     """Above the throughput, below the drop rate. Probes of the search are hollow."""
     probes = all_probes(metrics)
     rates = [*(rate.offered_hz for rate in metrics.rates), *(probe.rate_hz for probe in probes)]

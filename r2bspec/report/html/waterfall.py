@@ -10,6 +10,7 @@ from r2bspec.judge.measure.anatomy_summary import PartSummary, PathSummary
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.result import Result
 from r2bspec.report import anatomy_table
+from r2bspec.report.document import Chart
 from r2bspec.report.html import chart
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ _FRAME_IN: Final = 1.0
 _COLOURS: Final = {"transport": "s2", "wait": "s1", "held": "s1", "callback": "s0"}
 
 
-def waterfalls(result: Result) -> Iterator[chart.Chart]:
+def waterfalls(result: Result) -> Iterator[Chart]:
     """A chart of each path, those first that most messages took last."""
     found = [
         (anatomy, path) for anatomy in anatomy_table.anatomies_of(result) for path in anatomy.paths
@@ -37,7 +38,7 @@ def waterfalls(result: Result) -> Iterator[chart.Chart]:
         yield _waterfall(f"anatomy-{number}", title, path, note)
 
 
-def _waterfall(name: str, title: str, path: PathSummary, note: str) -> chart.Chart:
+def _waterfall(name: str, title: str, path: PathSummary, note: str) -> Chart:
     shown = [part for part in path.parts if anatomy_table.is_shown(part, path)]
     largest = sorted(shown, key=lambda part: part.share, reverse=True)[:3]
     listed = ", ".join(

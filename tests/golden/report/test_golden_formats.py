@@ -14,6 +14,7 @@ from golden import compare
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.report.format_registry import renderer
+from r2bspec.report.result_document import result_document
 from r2bspec.report.terminal import to_text
 from run_simulation import Simulation
 
@@ -64,7 +65,8 @@ def test_the_report_reads_like_this(
 @EVERY_RUN
 def test_the_terminal_reads_like_this(tmp_path: Path, name: str, simulation: Simulation) -> None:
     result = result_of(simulation.write(tmp_path))
-    text = to_text(result, Path("runs/simulated-20260101-000000"), 100)
+    document = result_document(ReportInput(result=result))
+    text = to_text(document, "runs/simulated-20260101-000000", 100)
     compare(text, Path(__file__).parent / f"terminal_{name}.txt")
     assert all(len(line) <= 100 for line in text.splitlines())
     assert "\x1b" not in text

@@ -15,7 +15,7 @@ from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.record.comparison_folder import merge_runs
 from r2bspec.record.run_record import SearchRecord
-from r2bspec.report.report_wording import peak_text, probe_mark
+from r2bspec.report.wording import peak_text, probe_mark
 from run_simulation import Played, Simulation, objective, probe
 
 CONFIRMED = SearchRecord(

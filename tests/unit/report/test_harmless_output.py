@@ -89,7 +89,7 @@ def test_no_report_of_a_hostile_result_does_harm(name: str, hostile: Result) -> 
 
 @pytest.mark.parametrize("name", ["text", "markdown"])
 def test_no_comparison_of_hostile_results_does_harm(name: str) -> None:
-    from r2bspec.report.comparison_formats import render
+    from r2bspec.report.comparison_document import render
 
     source = ComparedSource(source=ATTACK, name=ATTACK, run_id=ATTACK, started_at=ATTACK)
     numbers = dict.fromkeys(("base", "head", "ratio", "lower", "upper", "offered_hz"), 1.0)

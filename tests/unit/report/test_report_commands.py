@@ -122,7 +122,7 @@ def test_another_spec_s_objectives(judged: Path, tmp_path: Path, call: Call) -> 
     spec = spec_with_gate(tmp_path, "", "latency.p50 < 1 ms")
     out = call("judge", judged, "--spec", spec, status=1).out
     assert "latency.p50 < 1 ms" in out
-    assert "judged by the objectives and the gate of stricter" in out
+    assert "Judged by the objectives and the gate of stricter" in out
 
 
 # 7 of 300 messages over the limit of a p98 are not quite enough to show anything at 95 %.

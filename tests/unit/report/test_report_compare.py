@@ -20,7 +20,7 @@ from r2bspec.judge.measure.metrics import SegmentMetrics, distribution
 from r2bspec.plan.comparability import IncomparableError, PlanDifference, brief_difference
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_record import SearchRecord
-from r2bspec.report.comparison_formats import to_json, to_markdown, to_text
+from r2bspec.report.comparison_document import render
 from report_runs import GraphSimulation, skewed
 from run_simulation import Played, Simulation, probe
 
@@ -232,9 +232,10 @@ def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
 
 def test_every_form_says_the_same(tmp_path: Path) -> None:
     comparison = compared(tmp_path, simulated(), simulated(1.2, lost=30))
-    (plain,) = json.loads(to_json([comparison]))
+    (plain,) = json.loads(render([comparison], "json"))
     assert msgspec.convert(plain, Comparison) == comparison
-    for text in (to_text([comparison]), to_markdown([comparison])):
+    for name in ("text", "markdown"):
+        text = render([comparison], name).decode()
         assert "▼ worse" in text
         assert "latency.p50 at 30 Hz" in text
         assert "are advisory" in text

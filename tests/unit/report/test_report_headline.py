@@ -17,7 +17,7 @@ from r2bspec.judge.verdict import Unusable
 from r2bspec.record.graph_identity import GraphIdentity, Revision
 from r2bspec.record.run_record import SearchRecord, StartRecord
 from r2bspec.report.format_registry import renderer
-from r2bspec.report.headline import base_name, headline
+from r2bspec.report.wording import base_name, headline
 from report_runs import with_starts
 from run_simulation import Played, Simulation, objective, probe
 

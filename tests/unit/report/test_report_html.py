@@ -105,7 +105,7 @@ def test_hostile_words_stay_words(html_page: Callable[[str], bytes]) -> None:
 
 def test_the_verdict_and_its_reasons_come_first(html_page: Callable[[str], bytes]) -> None:
     page = Page(html_page("usual"))
-    table = page.text.index("Requirement")
+    table = page.text.index("requirement")
     assert page.text.index("✘ FAIL") < table
     assert table < page.text.index("drop_rate <= 1 %") < page.text.index("✔ PASS", table)
     assert page.text.index("got no output") < page.text.index("The graph")

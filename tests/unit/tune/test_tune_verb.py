@@ -60,8 +60,9 @@ def test_values_that_are_proved_are_shown_and_written(
     shown = capsys.readouterr()
     assert shown.out.startswith(
         "relay: IMPROVED. The objectives are met, at 25 % less cost than today's.\n"
-        f"  {NICE}: 10\n"
-        "  cpu.graph.mean at 20 Hz: 40 % -> 30 %, -25 % (-30 to -20 %) in 8 pairs\n\n"
+        f"{NICE}: 10\n"
+        "cpu.graph.mean at 20 Hz: 40 % -> 30 %, -25 % (-30 to -20 %) in 8 pairs\n\n"
+        "trials  cost: cpu.graph.mean at 20 Hz\n"
         "trial  outcome  cost  starts  values"
     )
     assert f"{overlay} was written" in shown.err

@@ -1,0 +1,689 @@
+"""The report of a run: its result as a document."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import msgspec
+
+from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.measure.distribution import (
+    MAIN_PERCENTILES,
+    PARTS,
+    SHORT_PERCENTILES,
+    TAIL_PERCENTILE,
+    part_title,
+    part_value,
+)
+from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics, UseMetrics
+from r2bspec.judge.measure.units import at_rate, show, show_rate, significant
+from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import RequirementVerdict, Verdict
+from r2bspec.record.run_record import Probe
+from r2bspec.report import anatomy_table, wording
+from r2bspec.report.document import (
+    Block,
+    Cell,
+    Chart,
+    Column,
+    Detail,
+    Document,
+    Fold,
+    Items,
+    Paragraph,
+    Row,
+    Section,
+    Table,
+    Verbatim,
+    number,
+)
+from r2bspec.report.notes import notes, profile_notes
+from r2bspec.report.result_table import (
+    METRICS,
+    Measured,
+    measured,
+    measured_iterations,
+    monitor_names,
+    pointer,
+)
+
+Charts = Mapping[str, Sequence[Chart]]
+"""The charts of a page, by the title of their section."""
+
+_MAX_ITERATIONS: Final = 200
+"""Iterations in the table of a page; CSV has all."""
+
+_MAX_REQUIREMENTS: Final = 2_000
+"""Requirements in a table, the worst first; JSON has all."""
+
+
+def result_document(
+    report_input: ReportInput, *, whole: bool = False, charts: Charts | None = None
+) -> Document:
+    """Return the report of a run.
+
+    Args:
+        report_input: the result, with what it was computed from.
+        whole: with every path of the anatomy, as reports have it that can fold.
+        charts: of a page.
+    """
+    result, verbose = report_input.result, report_input.verbose
+    line, drawn = wording.headline(result), charts or {}
+    sections = (
+        Section("Verdicts", tuple(_verdict_blocks(result, verbose=verbose))),
+        Section("Notes", tuple(_note_blocks(result, verbose=verbose))),
+        Section("Graph", tuple(drawn.get("Graph", ())), detail=Detail.PAGE),
+        Section(
+            "Measurements",
+            (*drawn.get("Measurements", ()), *_measurement_blocks(report_input)),
+            folded=True,
+        ),
+        Section("Load", (*drawn.get("Load", ()), *_load_blocks(result)), folded=True),
+        Section(
+            "Anatomy",
+            (*drawn.get("Anatomy", ()), *_anatomy_blocks(result, whole=whole or verbose)),
+            folded=True,
+        ),
+        Section("Profile", tuple(_profile_blocks(result))),
+        Section(
+            "Environment", tuple(_environment_blocks(result)), folded=True, detail=Detail.COMMENT
+        ),
+    )
+    return Document(
+        line=line,
+        word=wording.overall_word(result.verdict),
+        outcome=result.verdict.outcome,
+        lead=tuple(filter(None, (wording.reason_after(line, result.verdict), *_lead(result)))),
+        title=result.title if result.title != result.name else "",
+        facts=tuple(_facts(result)),
+        sections=tuple(section for section in sections if section.blocks),
+        back=report_input.suite_link,
+        footer=f"Made by r2bspec {result.versions.get('r2bspec', '')}. "
+        "Every value is in result.json.",
+    )
+
+
+def _lead(result: Result) -> Iterator[str]:
+    if result.judged_by:
+        yield f"Judged by the objectives and the gate of {result.judged_by}."
+    yield from wording.comparison(result)
+
+
+def _facts(result: Result) -> Iterator[str]:
+    cores = result.machine.get("cores")
+    facts = (
+        str(result.machine.get("cpu") or ""),
+        f"{cores} cores" if cores else "",
+        wording.loaded_rmw(result),
+        str(result.dataset.get("source") or ""),
+        wording.code_text(result),
+        wording.starts_text(result.starts),
+        *(f"{key}: {value}" for key, value in result.labels.items()),
+    )
+    yield from filter(None, facts)
+
+
+# Requirements: one table for a run and for several.
+
+
+def requirement_columns(
+    verdicts: Iterable[RequirementVerdict], *, specs: bool = False
+) -> tuple[Column, ...]:
+    """Return the columns of a table of requirements; see `requirement_cells`."""
+    listed = [*verdicts]
+    confidences = {one.confidence for one in listed}
+    bounds = "bounds"
+    if len(confidences) == 1:
+        bounds = f"{show(confidences.pop(), 'share', 4)} bounds"
+    compared = any(one.compared is not None for one in listed)
+    return (
+        Column("verdict", number=False),
+        *((Column("spec", number=False),) if specs else ()),
+        Column("requirement", number=False),
+        Column("at", detail=_at_detail(listed)),
+        *((Column("base", detail=Detail.ROOMY),) if compared else ()),
+        Column("head" if compared else f"estimate [{bounds}]"),
+        *((Column(f"ratio [{bounds}]"),) if compared else ()),
+        Column("limit", detail=Detail.COMMENT),
+        Column("n", detail=Detail.PAGE),
+        Column("method", number=False, detail=Detail.PAGE),
+    )
+
+
+def _at_detail(listed: Sequence[RequirementVerdict]) -> Detail:
+    """Return where the rates of requirements have a column: a single one is in the heading."""
+    rates = {one.at_hz for one in listed}
+    if not any(rates):
+        return Detail.PAGE
+    return Detail.ALWAYS if len(rates) > 1 else Detail.COMMENT
+
+
+def requirement_rows(
+    result: Result,
+    columns: Sequence[Column],
+    *,
+    verbose: bool = False,
+    spec: Cell | None = None,
+) -> list[Row]:
+    """Return a row for each requirement of a run, those first that are not met.
+
+    Args:
+        result: of the run.
+        columns: as `requirement_columns` returns them.
+        verbose: with the reasons of requirements that are met, too.
+        spec: the cell that names the run, if the table has a column for it.
+    """
+    verdict = result.verdict
+    order = ("fail", "inconclusive", "pass")
+    indices = sorted(
+        range(len(verdict.requirements)),
+        key=lambda place: (
+            order.index(verdict.requirements[place].outcome),
+            verdict.requirements[place].compared is None,
+        ),
+    )
+    compares = any(column.title == "base" for column in columns)
+    several = wording.several_monitors(verdict)
+    said: dict[str, str] = {}
+    rows = []
+    for index in indices:
+        one = verdict.requirements[index]
+        path = f"verdict/requirements/{index}"
+        text = wording.requirement_text(one, name_monitor=several)
+        details: tuple[str, ...] = ()
+        if verbose or one.outcome != "pass":
+            details = tuple(_reasons(one, text, said, result, verbose=verbose))
+        cells = (
+            Cell(wording.verdict_word(one)),
+            *((spec,) if spec is not None else ()),
+            Cell(text, before=f"{one.objective}:", code=True),
+            _rate_cell(one, path, result.metrics),
+            *_estimates(one, path, compares=compares),
+            Cell("") if one.limit is None else number(one.limit, one.unit, f"{path}/limit"),
+            number(one.n, "count", f"{path}/n"),
+            Cell(one.method),
+        )
+        rows.append(Row(cells, details, outcome=one.outcome))
+    return rows
+
+
+def _reasons(
+    one: RequirementVerdict, text: str, said: dict[str, str], result: Result, *, verbose: bool
+) -> Iterator[str]:
+    """Return the reason of a requirement, and what would decide it; nothing is said twice.
+
+    Of several requirements with one reason, such as a monitor that received nothing, the others
+    refer to the first. What a busy machine leaves open, no advice about the graph decides.
+    """
+    if one.reason in said:
+        yield f"As for {said[one.reason]}."
+        return
+    said[one.reason] = text
+    # The cells of a ratio say it.
+    if verbose or one.compared is None or one.estimate is None:
+        yield one.reason
+    if one.remedy and not wording.open_on_busy_machine(one, result):
+        yield one.remedy
+
+
+def _rate_cell(one: RequirementVerdict, path: str, metrics: RunMetrics) -> Cell:
+    if one.at_hz:
+        return number(one.at_hz, "Hz", f"{path}/at_hz")
+    return Cell("" if one.at_hz is None else show_rate(0, wording.own_pace(metrics)))
+
+
+def _estimates(one: RequirementVerdict, path: str, *, compares: bool) -> tuple[Cell, ...]:
+    """Return the cells of base, head and ratio, or of the estimate alone, with its bounds."""
+    exact = None if one.lost else one.estimate
+    estimate = Cell(
+        wording.estimate_text(one),
+        exact,
+        "" if exact is None else f"{path}/estimate",
+        after=wording.bounds_text(one),
+    )
+    if not compares:
+        return (estimate,)
+    if one.compared is None:
+        return Cell(""), estimate, Cell("")
+    unit, found = one.compared.unit, one.compared
+    return (
+        number(found.base, unit, f"{path}/compared/base"),
+        number(found.head, unit, f"{path}/compared/head"),
+        estimate,
+    )
+
+
+def _verdict_blocks(result: Result, *, verbose: bool) -> Iterator[Block]:
+    verdict = result.verdict
+    if not verdict.requirements:
+        yield Paragraph("The spec has no requirements.", detail=Detail.PAGE)
+        return
+    columns = requirement_columns(verdict.requirements)
+    rows = requirement_rows(result, columns, verbose=verbose)
+    rates = {one.at_hz for one in verdict.requirements}
+    rate = rates.pop() if len(rates) == 1 else None
+    at = "" if rate is None else at_rate(rate, wording.own_pace(result.metrics))
+    yield Table("requirements", columns, tuple(rows[:_MAX_REQUIREMENTS]), at)
+    if len(rows) > _MAX_REQUIREMENTS:
+        yield Paragraph(f"{len(rows) - _MAX_REQUIREMENTS:,} more: --report json=FILE has all.")
+    if values := [*_compared_values(verdict)]:
+        yield Fold("Values of each start or pair", (Items(tuple(values)),), detail=Detail.PAGE)
+
+
+def _compared_values(verdict: Verdict) -> Iterator[str]:
+    for one in verdict.requirements:
+        if one.compared is not None and one.compared.base_values:
+            unit = one.compared.unit
+            base, head = (
+                ", ".join("none" if value is None else show(value, unit) for value in values)
+                for values in (one.compared.base_values, one.compared.head_values)
+            )
+            yield f"{one.text.strip()}: base {base}; head {head}"
+
+
+def _note_blocks(result: Result, *, verbose: bool) -> Iterator[Block]:
+    told = notes(result, verbose=verbose)
+    if told.shown:
+        yield Items(told.shown)
+    if told.others:
+        title = f"{len(told.others)} more, of less weight"
+        yield Fold(title, (Items(told.others),), detail=Detail.PAGE)
+
+
+# What monitors received.
+
+_SUMMARY: Final = {
+    "throughput.mean": Detail.ALWAYS,
+    **{
+        f"latency.{part}": Detail.ALWAYS if part in SHORT_PERCENTILES else Detail.ROOMY
+        for part in MAIN_PERCENTILES
+    },
+    "latency.max": Detail.ALWAYS,
+    "sent": Detail.ALWAYS,
+    "missed": Detail.ALWAYS,
+    "received": Detail.ALWAYS,
+}
+"""The columns of the table of a monitor."""
+
+_TIMES: Final = (
+    *(f"latency.{part}" for part in PARTS),
+    *(f"{family}.{TAIL_PERCENTILE}" for family in ("jitter", "latency_from_due")),
+)
+_COUNTS: Final = (
+    *("throughput.mean", "sent", "answered", "missed", "drop_rate"),
+    *("late", "duplicates", "reordered", "unmatched", "overdue"),
+)
+_ITERATION: Final = (
+    "throughput.mean",
+    *(f"latency.{part}" for part in (*SHORT_PERCENTILES, "max")),
+    *("sent", "missed"),
+)
+
+
+def _measurement_blocks(report_input: ReportInput) -> Iterator[Block]:
+    result = report_input.result
+    metrics = result.metrics
+    if report_input.run is None:
+        text = "Made from a result.json; the charts of single messages need the run folder."
+        yield Paragraph(text, quiet=True, detail=Detail.PAGE)
+    for name in monitor_names(metrics):
+        title = result.monitor_title(name)
+        yield _summary_table(title, [*measured(metrics, name)])
+        yield _metric_table(f"{title}: latency", _TIMES, measured(metrics, name))
+        yield _metric_table(f"{title}: messages", _COUNTS, measured(metrics, name))
+        yield from _hop_table(name, title, metrics)
+        rows = [*measured_iterations(metrics, name)]
+        if len(rows) > 1:
+            yield Fold(
+                f"Iterations at {title}",
+                (_metric_table("iterations", _ITERATION, rows[:_MAX_ITERATIONS]),),
+                detail=Detail.PAGE,
+            )
+        if len(rows) > _MAX_ITERATIONS:
+            more = f"{len(rows) - _MAX_ITERATIONS:,} more iterations: --report csv=FILE has all."
+            yield Paragraph(more, quiet=True, detail=Detail.PAGE)
+    yield from _search_blocks(metrics)
+
+
+def _summary_table(title: str, rows: Sequence[Measured]) -> Table:
+    """Return the table of a monitor: a line for each rate, below it the range over iterations."""
+    own_pace = any(row.seen.age is not None for row in rows)
+    family = "latency"
+    if own_pace and not any(row.rate.pace == "source" for row in rows):
+        family = "age"
+    hidden = ("sent", "missed") if own_pace else ("received",)
+    chosen = [name for name in _SUMMARY if name not in hidden]
+    columns = (
+        Column("offered", number=False),
+        *(Column(METRICS[name].title, detail=_SUMMARY[name]) for name in chosen),
+    )
+    chosen = [name.replace("latency.", f"{family}.") for name in chosen]
+    lines: list[Row] = []
+    for row in rows:
+        lines.append(Row((Cell(row.offered), *(_metric_cell(row, name) for name in chosen))))
+        number_of = len(row.rate.iterations)
+        if number_of > 1:
+            cells = (Cell(f"× {number_of}"), *(Cell(row.range_text(name)) for name in chosen))
+            lines.append(Row(cells, quiet=True))
+    ranges = any(line.quiet for line in lines)
+    aside = f"{family}; below each line, the range over the iterations" if ranges else family
+    return Table(title, columns, tuple(lines), aside)
+
+
+def _metric_cell(row: Measured, name: str) -> Cell:
+    metric = METRICS[name]
+    return number(row.value(name), metric.unit, f"{row.path}/{metric.path}")
+
+
+def _metric_table(title: str, names: Sequence[str], rows: Iterable[Measured]) -> Table:
+    """Return a table of metrics of a monitor, which only pages have room for."""
+    columns = (
+        Column("offered", number=False),
+        *(Column(METRICS[name].title) for name in names),
+    )
+    lines = tuple(
+        Row(
+            (
+                Cell(f"{row.segment} {row.offered}".strip()),
+                *(_metric_cell(row, name) for name in names),
+            )
+        )
+        for row in rows
+    )
+    return Table(title, columns, lines, detail=Detail.PAGE)
+
+
+def _hop_table(monitor: str, title: str, metrics: RunMetrics) -> Iterator[Table]:
+    """Yield the latency of the hops to a monitor, where it is tapped."""
+    parts = dict.fromkeys(SHORT_PERCENTILES, Detail.ALWAYS)
+    shown = {part: parts.get(part, Detail.PAGE) for part in ("mean", *MAIN_PERCENTILES, "max")}
+    rows = []
+    for row in measured(metrics, monitor):
+        for place, hop in enumerate(row.seen.hops):
+            path = f"{row.path}/hops/{place}"
+            latencies = (
+                number(part_value(hop.latency, part), "s", f"{path}/latency/{part}")
+                for part in shown
+            )
+            counts = (
+                number(getattr(hop, key), "count", f"{path}/{key}") for key in ("matched", "missed")
+            )
+            name = Cell(f"{hop.source} → {hop.target}")
+            rows.append(Row((name, Cell(row.offered), *latencies, *counts)))
+    if rows:
+        columns = (
+            Column("from → to", number=False),
+            Column("offered"),
+            *(Column(part_title(part), detail=detail) for part, detail in shown.items()),
+            *map(Column, ("matched", "missed")),
+        )
+        yield Table(f"hops to {title}", columns, tuple(rows), "percentiles do not add up")
+
+
+def _search_blocks(metrics: RunMetrics) -> Iterator[Block]:
+    search = metrics.search
+    if search is not None and search.probes:
+        marks = " ".join(f"{one.rate_hz:.4g}{wording.probe_mark(one)}" for one in search.probes)
+        failed = [one for one in search.probes if one.rate_hz == search.fails_hz]
+        why = ""
+        if failed and failed[-1].holds is False:
+            why = f". At {show(failed[-1].rate_hz, 'Hz')}: {failed[-1].reason}"
+        yield Paragraph(f"Search: peak {wording.peak_text(search)}. Probes, in Hz: {marks}{why}")
+    for title, probes, path in (
+        ("Probes of the search", search.probes if search is not None else (), "search/probes"),
+        ("Probes of required rates", metrics.sustained, "sustained"),
+    ):
+        if probes:
+            yield Fold(title, (_probe_table(title, probes, f"metrics/{path}"),), Detail.PAGE)
+
+
+def _probe_table(title: str, probes: Sequence[Probe], path: str) -> Table:
+    columns = (*map(Column, ("offered", "delivered")), Column("sustained", number=False))
+    words = {True: "✔ yes", False: "✘ no", None: "? undecided"}
+    kinds = {"saturation": "overload: ", "confirmation": "played whole: "}
+    rows = []
+    for place, one in enumerate(probes):
+        why = f"; host interference: {', '.join(one.disturbed)}" if one.disturbed else ""
+        kept_up = one.keeps_up and one.holds is None
+        cells = (
+            number(one.rate_hz, "Hz", f"{path}/{place}/rate_hz"),
+            number(one.delivered_hz, "Hz", f"{path}/{place}/delivered_hz"),
+            Cell("~ keeps up" if kept_up else words[one.holds]),
+            Cell(f"{kinds.get(one.purpose, '')}{one.reason}{why}"),
+        )
+        rows.append(Row(cells))
+    return Table(title, (*columns, Column("reason", number=False)), tuple(rows))
+
+
+# What processes used.
+
+
+def _load_blocks(result: Result) -> Iterator[Block]:
+    rates = result.metrics.rates
+    if not rates:
+        return
+    yield Table(
+        "load",
+        (
+            Column("process", number=False),
+            Column("offered"),
+            *map(Column, ("CPU", "busiest", "work p50", "work p90", "memory", "faults")),
+        ),
+        tuple(_load_rows(rates)),
+        "CPU: 100 % is one core; work: processor time a step; faults: minor page faults a message",
+    )
+    if any(rate.pooled.playback.sent is not None for rate in rates):
+        yield _playback_table(rates)
+    yield from _interference_blocks(result)
+    if result.harness_overhead:
+        yield _overhead_table(result)
+
+
+def _load_rows(rates: Sequence[RateMetrics]) -> Iterator[Row]:
+    names = dict.fromkeys(name for rate in rates for name in rate.pooled.processes)
+    for name in names:
+        place = f"processes/{pointer(name)}"
+        uses = [rate.pooled.processes.get(name) for rate in rates]
+        yield from _use_rows(name, place, uses, rates)
+    graph = [rate.pooled.graph for rate in rates]
+    # Of a graph in one process, its row says the same.
+    alone = any(graph == [rate.pooled.processes.get(name) for rate in rates] for name in names)
+    if not alone:
+        yield from _use_rows("whole graph", "graph", graph, rates)
+    machine = [rate.pooled.machine for rate in rates]
+    yield from _use_rows("whole machine", "machine", machine, rates)
+
+
+def _use_rows(
+    name: str, place: str, uses: Sequence[UseMetrics | None], rates: Sequence[RateMetrics]
+) -> Iterator[Row]:
+    for index, (use, rate) in enumerate(zip(uses, rates, strict=True)):
+        if use is None:
+            continue
+        path = f"metrics/rates/{index}/pooled/{place}"
+        work = use.work
+        yield Row(
+            (
+                Cell(name),
+                Cell(show_rate(rate.offered_hz, rate.pace)),
+                _share_cell(use.cpu_mean, f"{path}/cpu_mean"),
+                _share_cell(use.cpu_max, f"{path}/cpu_max"),
+                number(work.p50, "s", f"{path}/work/p50") if work else Cell(""),
+                number(work.p90, "s", f"{path}/work/p90") if work else Cell(""),
+                number(use.memory_max_bytes, "B", f"{path}/memory_max_bytes"),
+                _faults_cell(use.faults_per_message, f"{path}/faults_per_message"),
+            )
+        )
+
+
+def _share_cell(share: float | None, path: str) -> Cell:
+    """Return a share of a core; whole percents from 10 on: it is counted no finer."""
+    if share is None:
+        return Cell("-")
+    text = significant(share * 100, 2) if share < 0.1 else f"{share * 100:.0f}"
+    return Cell(f"{text} %", share, path)
+
+
+def _faults_cell(faults: float | None, path: str) -> Cell:
+    return Cell("") if faults is None else Cell(significant(faults, 2), faults, path)
+
+
+def _playback_table(rates: Sequence[RateMetrics]) -> Table:
+    titles = ("played", f"late {part_title(TAIL_PERCENTILE)}", "late max")
+    columns = (Column("offered", number=False), *map(Column, titles))
+    rows = []
+    for index, rate in enumerate(rates):
+        path, played = f"metrics/rates/{index}/pooled/playback", rate.pooled.playback
+        late = played.lateness
+        cells = (
+            Cell(show_rate(rate.offered_hz, rate.pace)),
+            number(played.rate_hz, "Hz", f"{path}/rate_hz"),
+            number(part_value(late, TAIL_PERCENTILE), "s", f"{path}/lateness/{TAIL_PERCENTILE}"),
+            number(late.max, "s", f"{path}/lateness/max"),
+        )
+        rows.append(Row(cells))
+    return Table("playback", columns, tuple(rows), "how late messages were played")
+
+
+_INTERFERENCE: Final = {
+    "pressure": ("tasks waited", "share"),
+    "foreign_cores": ("other processes", "share"),
+    "steal": ("stolen", "share"),
+    "throttled_s": ("throttled", "s"),
+    "frequency_hz": ("frequency", "Hz"),
+}
+
+
+def _interference_blocks(result: Result) -> Iterator[Fold]:
+    """Yield the host interference of each iteration."""
+    affected = {one.segment: "; ".join(one.reasons) for one in result.verdict.disturbed}
+    rows = []
+    for place, rate in enumerate(result.metrics.rates):
+        for kind in ("iterations", "reruns"):
+            for index, iteration in enumerate(getattr(rate, kind)):
+                if iteration.interference is None:
+                    continue
+                path = f"metrics/rates/{place}/{kind}/{index}/interference"
+                cells = (
+                    number(getattr(iteration.interference, key), unit, f"{path}/{key}")
+                    for key, (_, unit) in _INTERFERENCE.items()
+                )
+                why = Cell(affected.get(iteration.segment, "no"))
+                rows.append(Row((Cell(iteration.segment), *cells, why)))
+    if rows:
+        columns = (
+            Column("iteration", number=False),
+            *(Column(title) for title, _ in _INTERFERENCE.values()),
+            Column("affected", number=False),
+        )
+        aside = "shares of the time of each iteration; other processes in % of a core"
+        table = Table("host interference", columns, tuple(rows), aside)
+        yield Fold("Host interference by iteration", (table,), Detail.PAGE)
+
+
+def _overhead_table(result: Result) -> Table:
+    rows = tuple(
+        Row(
+            (
+                Cell(one.topic),
+                Cell(show(float(one.bytes), "B")),
+                Cell(show_rate(one.rate_hz, "recording")),
+                *(
+                    Cell("-" if value is None else show(value / 1e9, "s"))
+                    for value in (one.latency_p50_ns, one.latency_p99_ns)
+                ),
+                Cell(f"{one.received} of {one.sent}"),
+            )
+        )
+        for one in result.harness_overhead
+    )
+    columns = ("size", "at", "p50", "p99", "received")
+    where = wording.overhead_placement(result.harness_overhead)
+    return Table(
+        "harness overhead",
+        (Column("input", number=False), *map(Column, columns)),
+        rows,
+        f"latency without the graph{where and ', '}{where}; included in the latencies above",
+    )
+
+
+# Where messages spent their time.
+
+
+def _anatomy_blocks(result: Result, *, whole: bool) -> Iterator[Block]:
+    for anatomy in anatomy_table.anatomies_of(result):
+        first = {path.monitor: path for path in reversed(anatomy.paths)}
+        shown = [path for path in anatomy.paths if whole or path is first[path.monitor]]
+        for path in shown:
+            yield Table(
+                f"anatomy of {anatomy_table.title(anatomy, path)}",
+                _columns(anatomy_table.PART_COLUMNS, words=2),
+                _text_rows(anatomy_table.part_rows(path)),
+                anatomy_table.caption(path),
+            )
+        nodes = _text_rows(anatomy_table.node_rows(anatomy))
+        if nodes:
+            same = "the same" if first else "one"
+            at = f" {at_rate(anatomy.rate_hz)}" if anatomy.rate_hz else ""
+            yield Table(
+                f"nodes{at}",
+                _columns(anatomy_table.NODE_COLUMNS),
+                nodes,
+                f"in {same} iteration; {anatomy_table.NODES_CAPTION}",
+            )
+        texts = [*anatomy_table.anatomy_notes(anatomy)]
+        if more := len(anatomy.paths) - len(shown):
+            texts.append(f"--verbose shows the other paths, {more} more")
+        yield from (Paragraph(text, quiet=True) for text in texts)
+
+
+def _columns(titles: Sequence[str], words: int = 1) -> tuple[Column, ...]:
+    return tuple(Column(title, number=place >= words) for place, title in enumerate(titles))
+
+
+def _text_rows(rows: Iterable[Sequence[str]]) -> tuple[Row, ...]:
+    return tuple(Row(tuple(map(Cell, row))) for row in rows)
+
+
+def _profile_blocks(result: Result) -> Iterator[Block]:
+    """Yield where profiles are; the terminal has them among the notes."""
+    if result.profiles:
+        text = "One more iteration was played with a profiler, after everything that counts."
+        yield Paragraph(f"{text} No value in this report is from it.", detail=Detail.PAGE)
+        yield Items(tuple(profile_notes(result.profiles)), detail=Detail.PAGE)
+
+
+# Machine, data and code.
+
+
+def _environment_blocks(result: Result) -> Iterator[Block]:
+    facts = {
+        "name": result.name,
+        "run": result.run_id,
+        "status": result.status,
+        "started": result.started_at,
+        "ended": result.ended_at,
+        "plan": result.plan_hash,
+        "starts": wording.starts_text(result.starts),
+        **{f"dataset {key}": value for key, value in result.dataset.items()},
+        **{f"machine {key}": value for key, value in result.machine.items()},
+        **{f"version of {key}": value for key, value in result.versions.items()},
+        **wording.code_facts(result),
+    }
+    rows = _text_rows((key, _plain(value)) for key, value in facts.items() if value != "")
+    yield Table("environment", _columns(("what", "value"), words=2), rows)
+    processes = _text_rows(
+        (one.name, one.role, "unknown" if one.exit_code is None else str(one.exit_code))
+        for one in result.processes
+    )
+    columns = _columns(("process", "role", "exit code"), words=2)
+    yield Table("processes", columns, processes, detail=Detail.PAGE)
+    yield Fold("The resolved spec", (Verbatim(result.spec),), Detail.PAGE)
+
+
+def _plain(value: Any) -> str:
+    """Return a fact as text: lists and maps as JSON, nothing as a dash."""
+    if isinstance(value, str | int | float):
+        return str(value)
+    return msgspec.json.encode(value).decode() if value else "-"
