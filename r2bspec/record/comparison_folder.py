@@ -60,9 +60,20 @@ class MergedRun(Run):
 
     def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> Rows:
         """See `Run.segment_rows`."""
+        place, source = self._source(segment)
+        return self.runs[place].segment_rows(source, file, dtype)
+
+    def work(self, segment: Segment) -> Rows:
+        """See `Run.work`; the processes of each run follow those of the previous one."""
+        place, source = self._source(segment)
+        rows = self.runs[place].work(source).copy()
+        rows["process"] += sum(len(run.record.processes) for run in self.runs[:place])
+        return rows
+
+    def _source(self, segment: Segment) -> tuple[int, Segment]:
+        """Return the place of the run that has a segment, and the segment there."""
         number, _, own = segment.id.partition(_SEPARATOR)
-        source = msgspec.structs.replace(segment, id=own)
-        return self.runs[int(number) - 1].segment_rows(source, file, dtype)
+        return int(number) - 1, msgspec.structs.replace(segment, id=own)
 
     def resources(self) -> Rows:
         """See `Run.resources`; the processes of each run follow those of the previous one."""
