@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,7 +22,6 @@ from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 from r2bspec.safe_io.limits import MAX_IGNORE_FILE_BYTES
 
-_SCHEMA = "r2bspec-v1.schema.json"
 _DEFAULT_NAME = "my_benchmark"
 _SLOS = re.compile("^slos:", re.MULTILINE)
 
@@ -122,10 +120,9 @@ def init_command(
     NAME may start with an existing folder, as in benchmarks/camera. With --node, the spec has this
     node under its own name, and what its source tells: topics, or else calls. --from-bag,
     --from-launch, --from-graph and --node can be combined: the spec then has what they tell, and
-    comments about what they do not. The JSON Schema, which editors use for completion and help, is
-    written next to the spec. No file is overwritten.
+    comments about what they do not. No file is overwritten.
     """
-    from r2bspec.language.json_schema import published_schema_text
+    from r2bspec.language.json_schema import FILE_NAME
     from r2bspec.language.templates import filled, purpose, templates, with_node
 
     if show_list:
@@ -144,6 +141,7 @@ def init_command(
         raise click.UsageError("--params-file needs --node")
     if has_sources and template != "minimal":
         raise click.UsageError("--template cannot be combined with --from-...")
+    schema = f"./{FILE_NAME}" if spec_file.with_name(FILE_NAME).is_file() else ""
     text = why_no_topics = ""
     findings: tuple[Diagnostic, ...] = ()
     if has_sources or node:
@@ -167,18 +165,14 @@ def init_command(
                 timeout_s,
             )
             first = sources.spec_from_sources(benchmark, folder, given)
-            text, findings = filled(first.text, None, f"./{_SCHEMA}"), first.findings
-    text = text or filled(with_node(templates()[template], node), benchmark, f"./{_SCHEMA}")
-    schema = spec_file.with_name(_SCHEMA)
-    files = {spec_file: text}
-    if not os.path.lexists(schema):  # a link may lead nowhere
-        files[schema] = published_schema_text()
-    _write_new(files)
+            text, findings = filled(first.text, None, schema), first.findings
+    text = text or filled(with_node(templates()[template], node), benchmark, schema)
+    _write_new({spec_file: text})
     print_findings("text", findings, {}, (), err=True)
     if why_no_topics:
         echo(f"The topics of {node} are not known, so 'input' and 'output' stand for them:")
         echo(f"  {why_no_topics}")
-    echo(f"created {spec_file}, and {schema} for editors. Next:")
+    echo(f"created {spec_file}. Next:")
     if node and (why_no_topics or _lacks_outputs(text)):
         echo(f"  r2bspec interfaces {spec_file}    starts {node} to find out its topics; then")
         echo(f"  rm {spec_file}, and this 'init' again: it knows them")

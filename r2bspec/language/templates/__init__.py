@@ -70,15 +70,19 @@ def with_node(template: str, target: str = "") -> str:
     return _NODE.sub(named, template, count=1)
 
 
+_EDITORS = "# Completion and checks in editors: 'r2bspec docs editors'"
+"""In place of a schema."""
+
+
 def filled(template: str, name: str | None, schema: str) -> str:
     """The content of a spec made from a template.
 
     Args:
         template: the template's text.
         name: the name of the benchmark; None keeps that of the template.
-        schema: the path of the JSON Schema for editors, relative to the spec.
+        schema: the path of the JSON Schema for editors, relative to the spec; empty for none.
     """
-    line = f"# yaml-language-server: $schema={schema}\n\n"
+    line = f"# yaml-language-server: $schema={schema}\n\n" if schema else f"{_EDITORS}\n\n"
     if name is None:
         return line + template
     return line + _NAME.sub(f"name: {name}", template, count=1)
