@@ -7,7 +7,8 @@ coin decides which side of a pair is first; its seed is in the record, and so is
 
 Every such run is a complete one (`r2bspec.execute.controller`): it loads, starts, warms up, plays
 each rate once, and ends all that it started. Sharing the loaded data would save a second or two,
-and would give the second run of a pair warmer caches than the first.
+and would give the second run of a pair warmer caches than the first. Only the first run of the head
+measures the harness overhead, which is the same for all.
 
 All pairs are in one list, which policies extend (`r2bspec.execute.experiment`). If the first pairs
 fail, those after them confirm it: by turns half as many, judged together with all before them;
@@ -31,7 +32,7 @@ from r2bspec.compare.interleaved_comparison import (
     ComparisonSpec,
 )
 from r2bspec.compare.report_input import judge_comparison_folder, read_pair_set
-from r2bspec.compare.side_process import BothSides, both_sides
+from r2bspec.compare.side_process import BothSides, SideStart, both_sides
 from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.controller import RunOptions, run_plan
 from r2bspec.execute.errors import InterruptedRunError, RunError
@@ -50,7 +51,7 @@ from r2bspec.judge.verdict import RequirementKey, RequirementVerdict, Verdict
 from r2bspec.language.secrets import shown_value
 from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
-from r2bspec.plan.comparability import single_run_plan
+from r2bspec.plan.comparability import single_run_plan, without_overhead
 from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import (
@@ -195,7 +196,6 @@ class _Pairs(Experiment[Pair]):
         sides: dict[Side, ComparisonSide] = {"base": comparison.base, "head": comparison.head}
         with both_sides(
             sides,
-            self._plans,
             self._folder.path / _BUFFERS,
             buffers_of=comparison.buffers_of,
             seed=self._seed,
@@ -383,10 +383,11 @@ class _Pairs(Experiment[Pair]):
     def _play_both(self, both: BothSides, unit: Pair) -> bool:
         """Play both sides by turns; False if the first such start shows that this cannot be."""
         self._progress.note(f"start {unit.number} of at most {self._last_number}, of both sides")
-        folders: dict[Side, Path] = {
-            side: self._folder.path / side / _folder_name(unit) for side in ("base", "head")
+        starts: dict[Side, SideStart] = {
+            side: SideStart(self._plan_of(side), self._folder.path / side / _folder_name(unit))
+            for side in ("base", "head")
         }
-        failures = both.play(folders, self._interrupts.check)
+        failures = both.play(starts, self._interrupts.check)
         self._interrupts.check()
         if failures and unit.number == 1 and not unit.why_again and not _is_interrupted(failures):
             # Two at once can need what one has alone: memory, a device, a port.
@@ -396,8 +397,8 @@ class _Pairs(Experiment[Pair]):
                 f"the sides are played one after the other: beside the other one, {side}: "
                 f"{without_output(str(error))}"
             )
-            for folder in folders.values():
-                remove_folder(folder)
+            for start in starts.values():
+                remove_folder(start.folder)
             return False
         unusable = ""
         for side, error in failures.items():
@@ -415,6 +416,12 @@ class _Pairs(Experiment[Pair]):
         self._add_pair(unit, unusable)
         return True
 
+    def _plan_of(self, side: Side) -> Plan:
+        """The plan of a run; the harness overhead is that of the head, and measured once."""
+        is_known = any(not pair.unusable for pair in self._pairs)
+        plan = self._plans[side]
+        return plan if side == "head" and not is_known else without_overhead(plan)
+
     def _run(self, side: Side, name: str) -> tuple[str, str]:
         """One run: why it cannot be judged, and which interference affected it, or empty texts."""
         self._interrupts.check()
@@ -424,7 +431,7 @@ class _Pairs(Experiment[Pair]):
             applied_environment(side_run.environment),
         ):
             run_plan(
-                self._plans[side],
+                self._plan_of(side),
                 base_dir=side_run.base_dir,
                 folder=folder,
                 run_id=secrets.token_hex(8),

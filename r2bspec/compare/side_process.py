@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from r2bspec.compare.interleaved_comparison import ComparisonSide
 from r2bspec.execute.controller import RunOptions, run_plan
@@ -60,18 +60,25 @@ _END_TIMEOUT_S: Final = 60.0
 _SIDES: Final[tuple[Side, Side]] = ("base", "head")
 
 
-def serve(connection: Connection, side: ComparisonSide, plan: Plan, partner: Partner) -> None:
+class SideStart(NamedTuple):
+    """A start of one side: the plan of its run, and the folder that receives it."""
+
+    plan: Plan
+    folder: Path
+
+
+def serve(connection: Connection, side: ComparisonSide, partner: Partner) -> None:
     """Play the starts of a side until the connection is closed."""
     with contextlib.suppress(EOFError, OSError, KeyboardInterrupt), private_files():
         while True:
-            folder: Path = connection.recv()
+            start: SideStart = connection.recv()
             try:
                 with (
-                    RunFolder.create(folder) as run_folder,
+                    RunFolder.create(start.folder) as run_folder,
                     applied_environment(side.environment),
                 ):
                     run_plan(
-                        plan,
+                        start.plan,
                         base_dir=side.base_dir,
                         folder=run_folder,
                         run_id=secrets.token_hex(8),
@@ -125,12 +132,12 @@ class BothSides:
     _lengthened: int = field(default=0, init=False)
 
     def play(
-        self, folders: Mapping[Side, Path], check: Callable[[], None]
+        self, starts: Mapping[Side, SideStart], check: Callable[[], None]
     ) -> dict[Side, Exception]:
         """Play a start of both sides.
 
         Args:
-            folders: receive the run of either side.
+            starts: of either side.
             check: is called several times a second, and raises an error to end the start.
 
         Returns:
@@ -140,7 +147,7 @@ class BothSides:
         self._lengthened = 0
         for side, channel in self.channels.items():
             channel.ended, channel.failure, channel.met = False, None, None
-            channel.connection.send(folders[side])
+            channel.connection.send(starts[side])
         while not all(channel.ended for channel in self.channels.values()):
             check()
             for channel in self._readable():
@@ -239,7 +246,6 @@ class BothSides:
 @contextlib.contextmanager
 def both_sides(
     sides: Mapping[Side, ComparisonSide],
-    plans: Mapping[Side, Plan],
     buffers: Path,
     *,
     buffers_of: Side,
@@ -250,7 +256,6 @@ def both_sides(
 
     Args:
         sides: of the comparison.
-        plans: of one run of either side.
         buffers: a folder that does not exist yet; has the messages that both sides play.
         buffers_of: the side whose recording and preprocessors make them.
         seed: of the coins.
@@ -262,9 +267,7 @@ def both_sides(
         for side in _SIDES:
             ours, theirs = context.Pipe()
             partner = Partner(theirs, buffers, makes_buffers=side == buffers_of)
-            process = context.Process(
-                target=serve, args=(theirs, sides[side], plans[side], partner)
-            )
+            process = context.Process(target=serve, args=(theirs, sides[side], partner))
             process.start()
             theirs.close()
             channels[side] = _Channel(process, ours)

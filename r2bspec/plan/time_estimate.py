@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from r2bspec.diagnostics.quote import time_text
 from r2bspec.language.benchmark_defaults import PROBE, SEARCH_CONFIRMATIONS, SEARCH_PROBES
 from r2bspec.language.spec import StartWaits
-from r2bspec.plan.comparability import pair_count, single_run_plan
+from r2bspec.plan.comparability import pair_count, single_run_plan, without_overhead
 from r2bspec.plan.plan import Plan, PlayPlan
 
 _LOAD_S = 0.5
@@ -112,7 +112,7 @@ def estimate_pairs(plan: Plan, pairs: int | None = None) -> TimeEstimate:
         plan: of the head, with all iterations.
         pairs: how many; as many as the plan has iterations if None.
     """
-    once = estimate_time(single_run_plan(plan))
+    once = estimate_time(without_overhead(single_run_plan(plan)))
     played = pairs or pair_count(plan)
     if plan.gate.time_budget_ns:
         played = max(1, min(played, int(plan.gate.time_budget_ns / 1e9 / (2 * once.seconds))))

@@ -29,7 +29,7 @@ from r2bspec.language.quantities import Rate
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import plan_hash
-from r2bspec.plan.comparability import single_run_plan
+from r2bspec.plan.comparability import single_run_plan, without_overhead
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.time_estimate import estimate_time
 from r2bspec.record.run_folder import open_run
@@ -150,7 +150,7 @@ class RealMachine:
         if first != combination:
             same = changes_text(self.space.changes(first), self.space.values)
             return Start(outcome="refused", reason=f"the plan is that of {same}")
-        plan = single_run_plan(_without_overhead(prepared.plan))
+        plan = single_run_plan(without_overhead(prepared.plan))
         start = self._play(replace(prepared, plan=plan), name)
         if start.outcome == "invalid":
             start = self._play(replace(prepared, plan=plan), f"{name}-again")
@@ -267,17 +267,11 @@ def _is_met(one: RequirementVerdict) -> bool:
     return one.outcome == "pass" or one.level != "error"
 
 
-def _without_overhead(plan: Plan) -> Plan:
-    """The plan without the ten seconds for what of a latency is not the graph's."""
-    phases = tuple(phase for phase in plan.phases if phase != "harness_overhead")
-    return msgspec.structs.replace(plan, phases=phases)
-
-
 def _within(plan: Plan, limit_s: float) -> Plan:
     """The plan of a proof, which ends in time, and of which no failure is confirmed."""
     budget_ns = max(1, int(limit_s * 1e9))
     gate = msgspec.structs.replace(plan.gate, confirm=False, time_budget_ns=budget_ns)
-    return msgspec.structs.replace(_without_overhead(plan), gate=gate)
+    return msgspec.structs.replace(without_overhead(plan), gate=gate)
 
 
 def _furthest_miss(verdict: Verdict, plan: Plan) -> tuple[float, str]:

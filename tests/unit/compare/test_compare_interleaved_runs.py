@@ -38,12 +38,14 @@ class Host:
     Attributes:
         loads: of the head's runs in the order in which they are played; the last one stays.
         folders: of all runs, in the order in which they were made.
+        overheads: of those that measure the harness overhead.
     """
 
     def __init__(self, tmp_path: Path, loads: list[Mapping[str, float]]) -> None:
         self.tmp_path = tmp_path
         self.loads = loads
         self.folders: list[str] = []
+        self.overheads: list[str] = []
         self._coming = iter(self._loads())
 
     def _loads(self) -> Iterator[Mapping[str, float]]:
@@ -51,10 +53,12 @@ class Host:
         while True:
             yield self.loads[-1]
 
-    def run_plan(self, _plan: Plan, *, folder: RunFolder, **_others: object) -> None:
+    def run_plan(self, plan: Plan, *, folder: RunFolder, **_others: object) -> None:
         """Take the place of a real run: write the folder of a simulated one."""
         side = folder.path.parent.name
         self.folders.append(f"{side}/{folder.path.name}")
+        if "harness_overhead" in plan.phases:
+            self.overheads.append(self.folders[-1])
         noise = 1 + 0.002 * (len(self.folders) % 3)
         simulation = replace(
             template(),
@@ -73,7 +77,7 @@ class Host:
         confirm: bool = False,
     ) -> PairedComparison:
         """Compare two sides that differ in nothing but their names, and in an environment."""
-        plan = template().plan()
+        plan = msgspec.structs.replace(template().plan(), phases=("start", "harness_overhead"))
         budget_ns = int(budget_s * 1e9)
         gate = msgspec.structs.replace(plan.gate, confirm=confirm, time_budget_ns=budget_ns)
         side = ComparisonSide(msgspec.structs.replace(plan, gate=gate), self.tmp_path, "")
@@ -136,6 +140,12 @@ def test_pairs_that_confirm_a_failure_continue_the_list_and_end_when_they_decide
     assert [pair.number for pair in pairs.usable_pairs(fresh=True)] == [*range(6, 11)]
     verdict = judge_comparison_folder(pairs).result.verdict
     assert (verdict.outcome, verdict.reason.endswith("Confirmed by new pairs.")) == ("fail", True)
+
+
+@pytest.mark.parametrize("host", [[CALM]], indirect=True)
+def test_the_harness_overhead_is_measured_in_the_first_run_of_the_head_alone(host: Host) -> None:
+    host.compare()
+    assert host.overheads == ["head/001"]
 
 
 @pytest.mark.parametrize("host", [[CALM]], indirect=True)
