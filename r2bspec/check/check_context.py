@@ -447,19 +447,28 @@ def _count_by_reading(context: Context, topic: str) -> MessageCount:
     return MessageCount(counted, exact=counted < _MIN_ESTIMATED_MESSAGES)
 
 
-def window_stamps(context: Context, topics: set[str]) -> dict[str, list[int]] | None:
-    """The header stamps in the window by bag topic; None if they are not read."""
+class WindowTimes(NamedTuple):
+    """The messages of a topic in the window: times of recording and header stamps, in ns."""
+
+    recorded_ns: list[int]
+    stamps_ns: list[int]
+
+
+def window_times(context: Context, topics: set[str]) -> dict[str, WindowTimes] | None:
+    """Return the times of the messages in the window by bag topic; None if they are not read."""
     from r2bspec.ipc.buffers import STAMP_BYTES, read_stamp
 
     by_name = {topic.lstrip("/"): topic for topic in topics}
 
-    def read(messages: Iterator[RecordedMessage]) -> dict[str, list[int]] | None:
-        stamps: dict[str, list[int]] = {topic: [] for topic in topics}
+    def read(messages: Iterator[RecordedMessage]) -> dict[str, WindowTimes] | None:
+        times = {topic: WindowTimes([], []) for topic in topics}
         for message in messages:
             if len(message.data) < STAMP_BYTES:
                 return None
-            stamps[by_name[message.topic.lstrip("/")]].append(read_stamp(message.data))
-        return stamps
+            topic = times[by_name[message.topic.lstrip("/")]]
+            topic.recorded_ns.append(message.time_ns)
+            topic.stamps_ns.append(read_stamp(message.data))
+        return times
 
     return _in_window(context, topics, read) if _is_small(context) else None
 

@@ -106,7 +106,7 @@ def make_timeline(
         times_ns = [
             index.times_ns[position]
             if input_.bag_topic or plan.recorded
-            else by_stamp.get(index.stamps_ns[position])
+            else by_stamp.get(index.stamps_ns[position] + input_.ahead_ns)
             for position in range(len(index.sizes))[: buffer or None]
         ]
         stamps_ns = [
@@ -269,10 +269,7 @@ def build_schedule(
         RunError: an input has no messages, or none that can be scheduled.
         UnpairedInputError: most messages of an input are left out, and the plan refuses that.
     """
-    pairs = [
-        (source, _load_index(folder, source.source, headers[source.topic]))
-        for source in plan.inputs
-    ]
+    pairs = [(source, _load_input(folder, source, headers[source.topic])) for source in plan.inputs]
     types = {input_.source: headers[input_.topic] for input_ in plan.inputs if input_.bag_topic}
     datasets = plan.datasets or (plan.dataset,)
     recorded = {topic.topic for dataset in datasets for topic in dataset.topics}
@@ -401,8 +398,19 @@ def _with_recorded_times(
     if plan.bag_topic:
         return index
     times_ns = times_by_stamp(sources)
-    recorded_ns = tuple(times_ns.get(stamp_ns, stamp_ns) for stamp_ns in index.stamps_ns)
+    recorded_ns = tuple(
+        times_ns.get(stamp_ns + plan.ahead_ns, stamp_ns) for stamp_ns in index.stamps_ns
+    )
     return msgspec.structs.replace(index, times_ns=recorded_ns)
+
+
+def _load_input(folder: Path, plan: InputPlan, has_header: bool) -> BufferIndex:
+    """The index of an input, with the stamps of a clock that is right."""
+    index = _load_index(folder, plan.source, has_header)
+    if not plan.ahead_ns or not index.has_header:
+        return index
+    right_ns = tuple(stamp_ns - plan.ahead_ns for stamp_ns in index.stamps_ns)
+    return msgspec.structs.replace(index, stamps_ns=right_ns)
 
 
 def _load_index(folder: Path, topic: str, has_header: bool | None) -> BufferIndex:

@@ -142,6 +142,8 @@ class PlaybackInput(Record, frozen=True, kw_only=True):
         pairing: Which messages of this input belong to a step, if not as in 'playback.pairing'.
         rate: step plays one message in each step; recorded plays all between two steps, for an
             input with another rate, such as an IMU.
+        clock_ahead: How far the clock that stamped this input was ahead of the others; its stamps
+            count as earlier by so much.
     """
 
     about = key(_IMAGE_INPUT)
@@ -152,6 +154,7 @@ class PlaybackInput(Record, frozen=True, kw_only=True):
     timestamp: Literal["header", "none"] = "header"
     pairing: Pairing | None = None
     rate: Literal["step", "recorded"] = "step"
+    clock_ahead: Annotated[Duration, key("5 s")] = Duration(0)
 
 
 _CALL: Final = {

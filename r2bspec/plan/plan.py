@@ -249,6 +249,7 @@ class InputPlan(_Value, frozen=True, kw_only=True):
         slop_ns: by how much its stamp may differ from that of the input with the fewest messages
             in the same step.
         recorded_rate: whether its messages are played between the steps, and belong to none.
+        ahead_ns: is taken from its recorded stamps.
     """
 
     topic: str
@@ -260,6 +261,7 @@ class InputPlan(_Value, frozen=True, kw_only=True):
     later_ns: int = 0
     slop_ns: int = 0
     recorded_rate: bool = False
+    ahead_ns: int = 0
 
 
 class TapPlan(_Value, frozen=True, kw_only=True):

@@ -23,6 +23,7 @@ def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
             later_ns=later.ns if (later := translations.get(name)) is not None else 0,
             slop_ns=(played.pairing or spec.playback.pairing).slop.ns,
             recorded_rate=played.rate == "recorded",
+            ahead_ns=played.clock_ahead.ns,
         )
         for name, played in spec.playback.inputs.items()
     )

@@ -6,8 +6,11 @@ messages that can be played together or at their times.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 from r2bspec.bags.message_types import begins_with_header
-from r2bspec.check.check_context import Context, window_message_counts, window_stamps
+from r2bspec.check.check_context import Context, WindowTimes, window_message_counts, window_times
 from r2bspec.check.rule import (
     PREPROCESS_FLOW,
     Finding,
@@ -19,7 +22,8 @@ from r2bspec.check.rule import (
     value_key,
 )
 from r2bspec.diagnostics.quote import did_you_mean, quote
-from r2bspec.plan.nearest_stamps import pair_nearest
+from r2bspec.language.quantities import Duration
+from r2bspec.plan.nearest_stamps import clock_ahead, pair_nearest
 from r2bspec.plan.topic_plans import direct_bag_topic
 from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint
 from r2bspec.record.run_record import UNPAIRED_HELP, UnplayedMessages
@@ -117,26 +121,52 @@ def input_messages_unpaired(context: Context) -> Findings:
     spec = context.spec
     if spec.playback.mode == "timeline" or spec.playback.unpaired == "drop":
         return
-    for unplayed in _unplayed(context):
+    messages = _messages_of_steps(context)
+    clocks = _clocks_ahead(messages)
+    for unplayed in _unplayed(context, messages):
         if not unplayed.is_warning:
             continue
         name = next(
             name for name in spec.playback.inputs if context.wiring.topic(name) == unplayed.topic
         )
+        ahead = clocks.get(name, Duration(0))
+        if not ahead.ns and any(other.ns for other in clocks.values()):
+            continue
+        because = f": its clock was {ahead} ahead" if ahead.ns else ""
         yield Finding(
-            message=f"{unplayed.clause}{_COUNTS_ALONE if unplayed.at_least else ''}",
+            message=f"{unplayed.clause}{_COUNTS_ALONE if unplayed.at_least else ''}{because}",
             path=("playback", "inputs", name),
             key=True,
-            help=UNPAIRED_HELP,
+            help=f"write 'clock_ahead: {ahead}'; 'pairing: {{slop: ...}}' allows what still differs"
+            if because
+            else UNPAIRED_HELP,
             severity="error" if unplayed.is_most else None,
             suppressed_by={value_key(("data_loader", "window"))},
         )
 
 
-def _unplayed(context: Context) -> list[UnplayedMessages]:
-    """At least so many messages of each input are not played, as far as the bag tells."""
-    bag_topics: dict[str, str] = {}
-    slops_ns: list[int] = []
+class _StepInput(NamedTuple):
+    """An input of which each step has a message.
+
+    Attributes:
+        name: as in the spec.
+        topic: as it is played.
+        bag_topic: that it is loaded from.
+        slop_ns: see `Pairing`.
+        times: of its messages in the window; None if they are not read. The stamps are corrected by
+            what the spec says of the clock.
+    """
+
+    name: str
+    topic: str
+    bag_topic: str
+    slop_ns: int
+    times: WindowTimes | None = None
+
+
+def _messages_of_steps(context: Context) -> tuple[_StepInput, ...]:
+    """Return the inputs that are paired by their stamps; none where only the run knows them."""
+    inputs = []
     playback = context.spec.playback
     for name, played in playback.inputs.items():
         if begins_with_header(played.format) is False or played.rate == "recorded":
@@ -145,20 +175,64 @@ def _unplayed(context: Context) -> list[UnplayedMessages]:
         bag_topic = direct_bag_topic(source, context.spec, context.wiring)
         if not bag_topic or begins_with_header(played.format) is None:
             # What a preprocessor publishes, and with which stamps, only the run tells.
-            return []
-        bag_topics[context.wiring.topic(name)] = bag_topic
-        slops_ns.append((played.pairing or playback.pairing).slop.ns)
-    if len(bag_topics) < 2:
+            return ()
+        slop_ns = (played.pairing or playback.pairing).slop.ns
+        inputs.append(_StepInput(name, context.wiring.topic(name), bag_topic, slop_ns))
+    if len(inputs) < 2:
+        return ()
+    times = window_times(context, {step_input.bag_topic for step_input in inputs})
+    if times is None:
+        return tuple(inputs)
+    timed = []
+    for step_input in inputs:
+        recorded_ns, stamps_ns = times[step_input.bag_topic]
+        ahead_ns = playback.inputs[step_input.name].clock_ahead.ns
+        right = WindowTimes(recorded_ns, [stamp_ns - ahead_ns for stamp_ns in stamps_ns])
+        timed.append(step_input._replace(times=right))
+    return tuple(timed)
+
+
+def _unplayed(context: Context, inputs: Sequence[_StepInput]) -> list[UnplayedMessages]:
+    """At least so many messages of each input are not played, as far as the bag tells."""
+    if not inputs:
         return []
-    stamps = window_stamps(context, set(bag_topics.values()))
-    if stamps is None:
+    slops_ns = [step_input.slop_ns for step_input in inputs]
+    stamps = [step_input.times.stamps_ns for step_input in inputs if step_input.times is not None]
+    if len(stamps) < len(inputs):
+        bag_topics = {step_input.topic: step_input.bag_topic for step_input in inputs}
         return _by_counts(context, bag_topics, max(slops_ns))
-    steps = pair_nearest([stamps[topic] for topic in bag_topics.values()], slops_ns)
+    steps = pair_nearest(stamps, slops_ns)
     return [
-        UnplayedMessages(topic=topic, count=total - len(steps), total=total, slop_ns=max(slops_ns))
-        for topic, bag_topic in bag_topics.items()
-        if (total := len(stamps[bag_topic])) > len(steps)
+        UnplayedMessages(
+            topic=step_input.topic,
+            count=len(stamped) - len(steps),
+            total=len(stamped),
+            slop_ns=max(slops_ns),
+        )
+        for step_input, stamped in zip(inputs, stamps, strict=True)
+        if len(stamped) > len(steps)
     ]
+
+
+def _clocks_ahead(inputs: Sequence[_StepInput]) -> dict[str, Duration]:
+    """Return how far the clocks of inputs are ahead, by their names, where that is constant."""
+    times = [step_input.times for step_input in inputs if step_input.times is not None]
+    if (
+        not inputs
+        or len(times) < len(inputs)
+        or not all(recorded.recorded_ns for recorded in times)
+    ):
+        return {}
+    ahead = clock_ahead(
+        [recorded.recorded_ns for recorded in times],
+        [recorded.stamps_ns for recorded in times],
+        max(step_input.slop_ns for step_input in inputs),
+    )
+    # A tenth of a millisecond is more than enough, and reads better.
+    return {
+        step_input.name: Duration(round(value, -5))
+        for step_input, value in zip(inputs, ahead, strict=True)
+    }
 
 
 def _by_counts(

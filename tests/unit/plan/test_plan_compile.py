@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from r2bspec.plan.command_lines import flow_yaml
 from r2bspec.plan.comparability import graph_differences
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.interim_looks import iterations_of_starts
-from r2bspec.plan.nearest_stamps import pair_nearest
+from r2bspec.plan.nearest_stamps import clock_ahead, pair_nearest
 from r2bspec.plan.process_plans import PartPlacement, find_places, graph_processes, process_names
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import CompanionFiles
@@ -319,6 +320,27 @@ def test_the_input_with_the_fewest_messages_leads() -> None:
     assert [imu[other] for _, other in pairs] == [1, 31, 66]
 
 
+def test_messages_of_one_stamp_are_paired_in_the_order_of_recording() -> None:
+    assert pair_nearest([[0, 0, 0], [0, 0, 0, 0]], [0, 0]) == ((0, 0), (1, 1), (2, 2))
+    assert pair_nearest([[5, 5, 5]], [0]) == ((0,), (1,), (2,))
+    assert pair_nearest([[5, 5, 9], [6, 6, 9]], [2, 2]) == ((0, 0), (1, 1), (2, 2))
+
+
+@pytest.mark.parametrize("late_ms", [0, 7])
+def test_a_clock_that_is_ahead_is_seen_by_the_times_of_recording(late_ms: int) -> None:
+    scans = [100 * MS * number for number in range(20)]
+    images = [scan + late_ms * MS for scan in scans]
+    ahead = [stamp + 5_000 * MS for stamp in scans]
+    assert clock_ahead([scans, images], [scans, ahead], 0) == (0, 5_000 * MS)
+    assert clock_ahead([images, scans], [ahead, scans], 0) == (5_000 * MS, 0)
+    assert clock_ahead([scans, images], [scans, scans], 0) == (0, 0)
+
+
+def test_stamps_without_a_constant_difference_have_no_clock_ahead() -> None:
+    times = [100 * MS * number for number in range(20)]
+    assert clock_ahead([times, times], [times, [0] * 20], 0) == (0, 0)
+
+
 def test_a_message_goes_to_the_nearer_one_of_two() -> None:
     assert pair_nearest([[0, 6], [5, 90]], [10, 10]) == ((1, 0),)
 
@@ -333,7 +355,7 @@ def test_pairs_are_within_the_slop_ordered_and_disjoint(
     assert stamps == sorted(stamps)
     assert len({one for one, _ in pairs}) == len({other for _, other in pairs}) == len(pairs)
     if not slop:
-        assert [one for one, _ in stamps] == sorted({*left} & {*right})
+        assert [one for one, _ in stamps] == sorted((Counter(left) & Counter(right)).elements())
     # Neither of a pair has a nearer partner.
     for one, other in stamps:
         assert min(abs(one - each) for each in right) == abs(one - other)
