@@ -12,12 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from r2bspec.bags.message_types import begins_with_header
-from r2bspec.bags.recording import BagIndex, TopicInfo
+from r2bspec.bags.recording import BagIndex, TimeWindow, TopicInfo
 from r2bspec.interop.spec_text import Block, document, identifier, unique_name
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.names import MESSAGE_TYPE, TOPIC
+from r2bspec.language.quantities import Duration
 from r2bspec.plan.installed_interfaces import installed_fields
 from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.plan.wiring.build_wiring import build_wiring
@@ -76,10 +77,17 @@ class DraftNodes:
 
 @dataclass(frozen=True, slots=True)
 class DraftRecording:
-    """A recording for a first spec: how the spec names it, and its index."""
+    """A recording for a first spec.
+
+    Attributes:
+        written: how the spec names it.
+        index: of the recording, or of its larger part if it has a gap.
+        window: that part; None without a gap.
+    """
 
     written: str
     index: BagIndex
+    window: TimeWindow | None = None
 
 
 @dataclass(slots=True)
@@ -357,9 +365,16 @@ class _Draft:
     def _data_loader(self, recording: DraftRecording) -> Block:
         block = Block.of({"bag": recording.written})
         seconds = recording.index.duration_ns / 1e9
+        start = Duration(recording.window.start_ns if recording.window else 0)
+        above = ["Most of the recording lies on this side of a gap."] if recording.window else []
         if seconds > _LONGEST_WINDOW_S:
-            above = [f"The recording has {seconds:.1f} s; messages of the window are in memory."]
-            block.add("window", {"start": "0 s", "end": f"{_LONGEST_WINDOW_S} s"}, above)
+            above += [f"The recording has {seconds:.1f} s; messages of the window are in memory."]
+            end = Duration(start.ns + _LONGEST_WINDOW_S * 1_000_000_000)
+            block.add("window", {"start": str(start), "end": str(end)}, above)
+        elif recording.window is not None:
+            end_ns = recording.window.end_ns
+            end_of = {} if end_ns is None else {"end": str(Duration(end_ns))}
+            block.add("window", {"start": str(start), **end_of}, above)
         topics = Block()
         for each in dict.fromkeys(self.inputs.values()):
             topics.add(f"/{each.name.lstrip('/')}", _loaded(each), after=_described(each))

@@ -20,6 +20,7 @@ from typing import Any
 
 from r2bspec.authoring.draft_spec import DraftNodes, DraftRecording, draft_text
 from r2bspec.authoring.launch_source import add_launch_nodes, find_launch_file
+from r2bspec.bags.recorded_parts import find_parts
 from r2bspec.datasets.catalogue import index, locate
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.errors import R2bspecError, UsageError
@@ -218,8 +219,12 @@ def why_no_topics(target: str, folder: Path) -> str:
 
 def _recording(bag: str, folder: Path) -> DraftRecording:
     location = locate(bag, Path())
-    written = location.dataset
-    return DraftRecording(written or _written(bag, folder), index(location))
+    written = location.dataset or _written(bag, folder)
+    found = index(location)
+    parts = find_parts(location.path, found) if location.path is not None else None
+    if parts is not None:
+        return DraftRecording(written, parts.larger, parts.window)
+    return DraftRecording(written, found)
 
 
 class NoGraphError(R2bspecError):

@@ -147,15 +147,20 @@ def info(bag: str, output_format: str) -> None:
     The sha256 of a bag on disk can be pinned in a spec; 'data make' prints that of a synthetic one.
     """
     from r2bspec.bags.integrity import hash_files
+    from r2bspec.bags.recorded_parts import find_parts
     from r2bspec.datasets.catalogue import index, locate
 
     location = locate(bag, Path.cwd())
     result = index(location)
+    parts = find_parts(location.path, result) if location.path is not None else None
     digest = "" if location.path is None else hash_files(location.path)
     if output_format == "json":
         echo_json({**msgspec.to_builtins(result), "sha256": digest})
     else:
         _print_index(result, _origin(location), digest)
+        if parts is not None:
+            echo()
+            echo(f"It has {parts.text}: use '{parts.window_text}'.")
 
 
 @command.command(epilog=f"Exit status {ExitStatus.FINDINGS_OR_FAILED} if something is wrong.")

@@ -64,9 +64,15 @@ def text(words: str) -> bytes:
 
 
 def write_bag(
-    folder: Path, topics: Mapping[str, Sequence[int]], size: tuple[int, int] = (WIDTH, HEIGHT)
+    folder: Path,
+    topics: Mapping[str, Sequence[int]],
+    size: tuple[int, int] = (WIDTH, HEIGHT),
+    recorded_ms: Sequence[int] | None = None,
 ) -> Path:
-    """Write a bag of images, one for each stamp in milliseconds; of strings for ``/text``."""
+    """Write a bag of images, one for each stamp in milliseconds; of strings for ``/text``.
+
+    They are recorded at their stamps, or at the times of `recorded_ms`.
+    """
     with Writer(folder, version=9) as writer:
         rows = []
         for topic, stamps_ms in topics.items():
@@ -75,9 +81,10 @@ def write_bag(
             for number, stamp_ms in enumerate(stamps_ms):
                 stamp_ns = START_NS + stamp_ms * 1_000_000
                 data = text(f"{number}") if kind == STRING else image(number, stamp_ns, size)
-                rows.append((stamp_ns, connection, data))
-        for stamp_ns, connection, data in sorted(rows, key=lambda row: row[0]):
-            writer.write(connection, stamp_ns, data)
+                time_ms = stamp_ms if recorded_ms is None else recorded_ms[number]
+                rows.append((START_NS + time_ms * 1_000_000, connection, data))
+        for time_ns, connection, data in sorted(rows, key=lambda row: row[0]):
+            writer.write(connection, time_ns, data)
     return folder
 
 

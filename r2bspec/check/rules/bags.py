@@ -8,6 +8,8 @@ estimated from the index of the bag where that is enough, and otherwise counted
 
 from __future__ import annotations
 
+from r2bspec.bags.recorded_parts import find_parts
+from r2bspec.bags.recording import TimeWindow
 from r2bspec.check.check_context import Context, MessageCount, window_message_counts
 from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
 from r2bspec.datasets.catalogue import DURATION_NS
@@ -117,6 +119,27 @@ def window_without_messages(context: Context) -> Findings:
             else f"the bag has {info.count:,} of them, {info.rate_hz:.3g} per second",
             suppressed_by={value_key(_WINDOW)},
             suppresses={value_key(("data_loader", "topics", name))},
+        )
+
+
+@rule("R2B324")
+def window_with_gap(context: Context) -> Findings:
+    """Windows with a gap that is longer than the rest of it."""
+    bag = context.bag
+    path = context.bag_location.path if context.bag_location is not None else None
+    topics = [name for name in context.spec.data_loader.topics if bag and bag.find(name)]
+    if bag is None or path is None or not topics:
+        return
+    window = context.spec.data_loader.window
+    end_ns = None if window.end is None else window.end.ns
+    parts = find_parts(path, bag, topics, TimeWindow(start_ns=window.start.ns, end_ns=end_ns))
+    if parts is not None:
+        yield Finding(
+            message=f"the window has {parts.text}",
+            path=_WINDOW if window.start.ns or window.end else ("data_loader",),
+            key=not (window.start.ns or window.end),
+            help=f"use one part: '{parts.window_text}'",
+            suppressed_by={value_key(_WINDOW)},
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -116,3 +117,35 @@ def test_stamps_of_large_bags_are_not_read_but_messages_are_counted(
 
 
 # Requirements on outputs that come whether inputs do or not.
+
+
+def test_a_clock_that_is_ahead_is_named_with_its_key(tmp_path: Path) -> None:
+    ahead = [stamp + 5_000 for stamp in LEFT_MS]
+    text, file = stereo(tmp_path, ahead)
+    shutil.rmtree(tmp_path / "bag")
+    write_bag(tmp_path / "bag", {"/left": LEFT_MS, "/right": ahead}, recorded_ms=LEFT_MS)
+    (right,) = findings(text, file=file)
+    assert right.message.endswith("have no partner of the same stamp: its clock was 5 s ahead")
+    assert "clock_ahead: 5 s" in right.help
+    right_input = f"recorded/right, format: {IMAGE}"
+    corrected = text.replace(right_input, f"{right_input}, clock_ahead: 5 s")
+    assert findings(corrected, file=file) == []
+
+
+def test_stamps_that_were_never_set_are_paired_in_order(tmp_path: Path) -> None:
+    text, file = stereo(tmp_path, [])
+    shutil.rmtree(tmp_path / "bag")
+    write_bag(tmp_path / "bag", {"/left": [0] * 60, "/right": [0] * 60})
+    assert codes(text, file=file) == []
+
+
+def test_a_window_that_is_mostly_a_gap_is_named_with_its_larger_part(tmp_path: Path) -> None:
+    times_ms = [*range(5), *range(1_000_000, 1_006_000, 100)]
+    text, file = stereo(tmp_path, times_ms)
+    shutil.rmtree(tmp_path / "bag")
+    write_bag(tmp_path / "bag", {"/left": times_ms, "/right": times_ms})
+    (gap,) = findings(text, file=file)
+    assert (gap.code, gap.severity) == ("R2B324", "warning")
+    assert "a gap of 1000 s, and 120 of its 130 messages after it" in gap.message
+    assert "window: {start: 1000 s}" in gap.help
+    assert codes(text.replace("window: {}", "window: {start: 1000 s}"), file=file) == []
