@@ -390,7 +390,7 @@ class _Run:
         supervisor = self._context.supervisor
         # Detect a process that exited after the last message, which also fails the run.
         supervisor.pump(0.0)
-        self._starts.sessions[-1].look_at_loaded_files()
+        self._starts.starts[-1].look_at_loaded_files()
         self._states.enter(RunState.COLLECT, "stopping all processes and collecting the samples")
         # Before the domain is released, so that no other run sees these processes.
         supervisor.end(list(supervisor))
@@ -416,7 +416,7 @@ class _Run:
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             context.resources.stop()
             self._write_resource_samples()
-            if self._starts.sessions:
+            if self._starts.starts:
                 write_loaded_files(context.folder.path, loaded)
         with contextlib.suppress(RecordError) if failure else contextlib.nullcontext():
             context.folder.write_record(record)
@@ -492,9 +492,9 @@ class _Run:
         # If the run is killed before its next look, its folder has the samples of this one.
         self._write_resource_samples()
         samples = {
-            segment: session.samples[segment]
-            for session in self._starts.sessions
-            for segment in session.samples
+            segment: start.samples[segment]
+            for start in self._starts.starts
+            for segment in start.samples
         }
         resources = self._context.resources
         return run_samples(
@@ -531,9 +531,9 @@ class _Run:
     def _anatomies(self) -> tuple[AnatomyRecord, ...]:
         """What was observed from inside in each start, and why one more start was not."""
         observed = {
-            session.start: session.anatomy.record
-            for session in self._starts.sessions
-            if session.anatomy is not None
+            start.number: start.anatomy.record
+            for start in self._starts.starts
+            if start.anatomy is not None
         }
         if self._anatomy is not None:
             observed[self._anatomy.start] = self._anatomy
@@ -555,10 +555,8 @@ class _Run:
         # As a process of the harness says; before one has, the one that is selected.
         rmw = next(({"rmw": each.rmw} for each in self._launchers if each.rmw), {})
         first, again = (*self._measurement.batches, None, None)[:2]
-        sessions = self._starts.sessions
-        fresh_overhead = next(
-            (session.harness_overhead for session in sessions if session.confirms), ()
-        )
+        starts = self._starts.starts
+        fresh_overhead = next((start.harness_overhead for start in starts if start.confirms), ())
         return RunRecord(
             run_id=self._run_id,
             plan_hash=plan_hash(self._plan),
@@ -570,12 +568,12 @@ class _Run:
             machine=self._machine,
             versions=self._versions | rmw,
             processes=self._context.supervisor.records(),
-            segments=tuple(segment for session in sessions for segment in session.segments),
+            segments=tuple(segment for start in starts for segment in start.segments),
             search=first.search_record if first else None,
             sustained=tuple(first.sustained) if first else (),
             events=tuple(self._states.events),
-            harness_overhead=sessions[0].harness_overhead if sessions else (),
-            output_gaps=tuple(silence for session in sessions for silence in session.output_gaps),
+            harness_overhead=starts[0].harness_overhead if starts else (),
+            output_gaps=tuple(silence for start in starts for silence in start.output_gaps),
             differences=self._differences(failure),
             confirmation=ConfirmationRecord(
                 search=again.search_record,
@@ -586,7 +584,7 @@ class _Run:
             else None,
             left_out=tuple(self._context.budget.left_out),
             starts=tuple(self._starts.records),
-            unplayed=sessions[0].unplayed if sessions else (),
+            unplayed=starts[0].unplayed if starts else (),
             anatomies=self._anatomies(),
             profiles=self._profiles,
             phases=self._states.clock.phases(),

@@ -199,7 +199,7 @@ def wait_for_last_sample(starts: StartSequence) -> None:
         RunError: a process exited or failed; what was measured is then not whole.
     """
     ended_ns = max(
-        (segment.ended_ns for session in starts.sessions for segment in session.segments), default=0
+        (segment.ended_ns for start in starts.starts for segment in start.segments), default=0
     )
     starts.context.supervisor.pump(0.0)
     starts.context.supervisor.pump_for((ended_ns + _SAMPLE_NS - time.monotonic_ns()) / 1e9)
@@ -332,6 +332,6 @@ def play_observed(starts: StartSequence, peak_hz: float | None) -> AnatomyRecord
         supervisor = starts.context.supervisor
         # Nothing that ends from here on is a failure of the run.
         supervisor.end(list(supervisor))
-    session = starts.sessions[-1]
-    record = session.anatomy.record if session.anatomy else AnatomyRecord(start=session.start)
+    start = starts.starts[-1]
+    record = start.anatomy.record if start.anatomy else AnatomyRecord(start=start.number)
     return msgspec.structs.replace(record, error=error or record.error)

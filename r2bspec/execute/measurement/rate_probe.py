@@ -13,7 +13,7 @@ capacity only if w is at most half the precision.
 Such a probe is played again. If it is disturbed again, the search uses it to aim, but not as a
 bound (`r2bspec.execute.measurement.peak_search.unexplained_end`). On a machine that is always busy
 that would double every search, so after `MAX_FUTILE_REPLAYS` that were disturbed again there are
-no more in a session.
+no more in a batch of starts.
 """
 
 from __future__ import annotations

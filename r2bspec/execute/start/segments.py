@@ -295,7 +295,7 @@ class SegmentPlayer:
         return self.play(heading, rate_hz, steps)
 
     def segment_id_for(self, name: str) -> str:
-        """The id of a segment with a name, unique over the sessions of a run."""
+        """The id of a segment with a name, unique over the starts of a run."""
         return f"confirm-{name}" if self._confirms else name
 
     def _confirming(self, heading: SegmentHeading) -> SegmentHeading:

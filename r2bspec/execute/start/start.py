@@ -1,10 +1,15 @@
-"""A session: the processes of a plan, started once in order, and warmed up.
+"""The life of a start: the processes of a plan come up once, play, and end.
 
-It has the states of one start: start, harness_overhead, graph, ready, after_ready and warm_up. A
-run has a session for each of its starts. If it fails, as many further sessions, the confirmation
-run, must also fail (`r2bspec.judge.confirmation`).
+    start              player and monitors, while the processes of Python nodes import ROS
+    harness_overhead   of the harness alone, in the first start of a run and of its confirmation
+    graph              the nodes are created, brought into their lifecycle states, and matched
+    ready, after_ready what the spec waits for, and what it then does
+    warm_up            inputs are played until every monitor has received something
+    play               each segment is played, drained and stored (`SegmentPlayer`)
+    end                all processes exit; the next start, or the end of the run, asks for it
 
-The starts of a run, one after the other, each a session in fresh processes.
+`Start.bring_up` takes a start through the states before its first segment. `StartSequence` has all
+starts of a run, of which at most one lives. Loading and preprocessing come before the first one.
 
 Player and monitor are started afresh, too, and not the graph alone: where they lie in memory, when
 they discover the nodes, and on which cores their threads run is decided at their start, and is part
@@ -82,11 +87,11 @@ _DIAGNOSED_ATTEMPT = 3
 """After this attempt without output the path is traced, so that the reason is said early."""
 
 
-class Session:
-    """One session.
+class Start:
+    """One start.
 
     Attributes:
-        start: its number among the starts of the run, from 1.
+        number: among the starts of the run, from 1.
         confirms: whether it is part of the confirmation run.
         schedule: of the player; empty before `bring_up`.
         rows_dir: receives the rows of player and monitors.
@@ -103,21 +108,21 @@ class Session:
         context: RunContext,
         launcher: Launcher,
         *,
-        start: int = 1,
+        number: int = 1,
         confirms: bool = False,
         schedule: Schedule | None = None,
         is_later: bool = False,
     ) -> None:
-        """Create a session; nothing is started yet.
+        """Create a start; no process runs yet.
 
         Args:
             plan: of the run.
             context: of the run.
             launcher: starts its processes.
-            start: its number among the starts of the run, from 1.
+            number: its number among the starts of the run, from 1.
             confirms: whether it is part of the confirmation run.
-            schedule: of the player, where an earlier session has built it.
-            is_later: whether it follows another session of the same kind, so that the harness
+            schedule: of the player, where an earlier start has built it.
+            is_later: whether it follows another start of the same kind, so that the harness
                 overhead is known.
         """
         self._plan = plan
@@ -125,12 +130,12 @@ class Session:
         self._supervisor = context.supervisor
         self._launcher = launcher
         self.anatomy = launcher.anatomy = (
-            AnatomyObservation(plan, start, context.events) if plan.anatomy else None
+            AnatomyObservation(plan, number, context.events) if plan.anatomy else None
         )
         self._graph = PhaseGraph(plan, MEASURE_PHASE, context.supervisor, launcher, context.note)
         self._buffer_dir = context.buffer_dir
-        self.rows_dir = context.scratch / f"rows-{start}"
-        self.start = start
+        self.rows_dir = context.scratch / f"rows-{number}"
+        self.number = number
         self.confirms = confirms
         self._is_later = is_later
         self.schedule: Schedule = schedule or CyclicSchedule(steps=())
@@ -219,7 +224,7 @@ class Session:
             schedule=self.schedule,
             static_publisher=observer if self._has_static else None,
             confirms=self.confirms,
-            start=self.start,
+            start=self.number,
             anatomy=self.anatomy,
         )
         silent_outputs = self._silent_outputs = SilentOutputs(
@@ -272,7 +277,7 @@ class Session:
         """
         plan, launcher = self._plan, self._launcher
         self.rows_dir.mkdir()
-        again = f" again: start {self.start}" if self._is_later else ""
+        again = f" again: start {self.number}" if self._is_later else ""
         self._enter(RunState.START, f"starting player and monitor{again}")
         launcher.check_shared_memory(plan, MEASURE_PHASE)
         if plan.harness.placement == "graph":
@@ -524,7 +529,7 @@ class Session:
         rates += [plan.search.min_hz] if plan.search else []
         rate_hz = min([_WARM_UP_HZ, *rates])
         title = f"warm-up at {rate_hz:g} Hz" if rate_hz else "warm-up"
-        later = f"start-{self.start}-" if self._is_later else ""
+        later = f"start-{self.number}-" if self._is_later else ""
         began_s = time.monotonic()
         for attempt in range(1, 1000):
             segment_player.play_for(
@@ -580,7 +585,7 @@ class StartSequence:
 
     Attributes:
         make_launcher: a new launcher, once the buffers are complete.
-        sessions: one for each start so far, the running one last.
+        starts: all so far, the running one last.
         records: of the starts whose graph was warmed up.
         foreign: publishers that are no process's of the run, in words.
     """
@@ -588,7 +593,7 @@ class StartSequence:
     plan: Plan
     context: RunContext
     make_launcher: Callable[[], Launcher]
-    sessions: list[Session] = field(default_factory=list)
+    starts: list[Start] = field(default_factory=list)
     records: list[run_record.StartRecord] = field(default_factory=list)
     foreign: tuple[str, ...] = ()
 
@@ -602,21 +607,21 @@ class StartSequence:
             RunError: a process of the old start has exited, or the new one fails.
         """
         began_ns = time.monotonic_ns()
-        before = self.sessions[-1] if self.sessions else None
+        before = self.starts[-1] if self.starts else None
         self._end_running()
-        session = self._new_session(
+        start = self._new_start(
             self.plan,
             confirms=confirms,
             is_later=before is not None and before.confirms == confirms,
         )
-        segment_player = session.bring_up()
+        segment_player = start.bring_up()
         ready_ns = time.monotonic_ns()
         self.records.append(
             run_record.StartRecord(
-                number=session.start,
+                number=start.number,
                 began_ns=began_ns,
                 ready_ns=ready_ns,
-                overhead_ns=session.overhead_ns,
+                overhead_ns=start.overhead_ns,
                 confirms=confirms,
             )
         )
@@ -630,33 +635,33 @@ class StartSequence:
                 the plan is observed from inside, and what observes it cannot be built (R2B668).
         """
         self._end_running()
-        return self._new_session(plan, confirms=False, is_later=True).bring_up()
+        return self._new_start(plan, confirms=False, is_later=True).bring_up()
 
     def _end_running(self) -> None:
-        if self.sessions:
+        if self.starts:
             # Detect a process that exited after the last message, which also fails the run.
             self.context.supervisor.pump(0.0)
             self.find_foreign_publishers()
-            self.sessions[-1].look_at_loaded_files()
+            self.starts[-1].look_at_loaded_files()
             self.context.supervisor.end(list(self.context.supervisor))
 
-    def _new_session(self, plan: Plan, *, confirms: bool, is_later: bool) -> Session:
-        session = Session(
+    def _new_start(self, plan: Plan, *, confirms: bool, is_later: bool) -> Start:
+        start = Start(
             plan,
             self.context,
             self.make_launcher(),
-            start=len(self.sessions) + 1,
+            number=len(self.starts) + 1,
             confirms=confirms,
-            schedule=self.sessions[-1].schedule if self.sessions else None,
+            schedule=self.starts[-1].schedule if self.starts else None,
             is_later=is_later,
         )
-        self.sessions.append(session)
-        return session
+        self.starts.append(start)
+        return start
 
     def find_foreign_publishers(self) -> bool:
         """Ask who has published on what is played and watched; whether others have, ever."""
         before = self.foreign
-        publishers = self.sessions[-1].foreign_publishers() if self.sessions else ()
+        publishers = self.starts[-1].foreign_publishers() if self.starts else ()
         self.foreign = tuple(dict.fromkeys((*before, *publishers)))
         for publisher in self.foreign[len(before) :]:
             self.context.note(f"a program that is not of this run has published on {publisher}")
@@ -664,10 +669,10 @@ class StartSequence:
 
     def name_start(self, error: errors.RunError) -> None:
         """Say in an error in which start it occurred, unless it is the first one."""
-        if len(self.sessions) < 2 or isinstance(error, errors.InterruptedRunError):
+        if len(self.starts) < 2 or isinstance(error, errors.InterruptedRunError):
             return
-        confirms = ", which confirms a failure" if self.sessions[-1].confirms else ""
-        which = f" (in start {len(self.sessions)}{confirms})"
+        confirms = ", which confirms a failure" if self.starts[-1].confirms else ""
+        which = f" (in start {len(self.starts)}{confirms})"
         error.args = (f"{error}{which}", *error.args[1:])
         if isinstance(error, errors.GraphDifferencesError):
             error.details = f"{error.details}{which}".strip()
