@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 from enum import IntEnum
-from typing import ClassVar
+from typing import ClassVar, Final
 
 
 class ExitStatus(IntEnum):
@@ -65,9 +65,19 @@ class R2bspecError(Exception):
             self.code = code
 
 
+OUTPUT_FOLLOWS: Final = "; its last output:\n"
+"""Between what is said of a process, and the last lines that it wrote."""
+
+
+def split_output(message: str) -> tuple[str, str]:
+    """Return what is said of a process, and the last lines of its output, if some follow."""
+    text, _, output = message.partition(OUTPUT_FOLLOWS)
+    return text, output
+
+
 def without_output(message: str) -> str:
     """The first line of a message, without the output of a process that may follow it."""
-    return message.partition("\n")[0].removesuffix("; its last output:")
+    return split_output(message)[0].partition("\n")[0]
 
 
 class UsageError(R2bspecError):

@@ -161,7 +161,7 @@ class NodeHost:
         except Exception as error:
             names = ", ".join(node.get_fully_qualified_name() for _, node in self._nodes)
             raise node_main.NodeError(
-                f"a callback of {names} raised {type(error).__name__}: {error}", code="R2B634"
+                f"a callback of {names} raised {node_main.raised_text(error)}", code="R2B634"
             ) from error
 
     def _listen(self) -> None:
@@ -245,7 +245,7 @@ class FunctionHost:
             is_running = self._is_program and not _is_of_constructor(error)
             does = "ended with" if is_running else "cannot be created:"
             raise node_main.NodeError(
-                f"node {self._plan.name} {does} {type(error).__name__}: {error}",
+                f"node {self._plan.name} {does} {node_main.raised_text(error)}",
                 code="R2B634" if is_running else "R2B633",
             ) from error
         return result

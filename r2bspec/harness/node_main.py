@@ -14,15 +14,18 @@ import importlib
 import importlib.util
 import inspect
 import sys
+import sysconfig
+import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import OUTPUT_FOLLOWS, R2bspecError
 from r2bspec.plan.command_lines import flow_yaml
 from r2bspec.plan.plan import NodePlan
 from r2bspec.plan.wiring.python_files import module_of
@@ -33,6 +36,24 @@ class NodeError(R2bspecError):
     """A node cannot be created; the cause has the details."""
 
     code = "R2B633"
+
+
+def raised_text(error: BaseException) -> str:
+    """Return an exception with the file and line of the node, and its lines of the traceback.
+
+    The lines follow as the output of a process does (`r2bspec.errors.split_output`).
+    """
+    paths = sysconfig.get_paths()
+    others = {paths[name] for name in ("stdlib", "purelib", "platlib")}
+    others |= {str(Path(file).parent) for file in (rclpy.__file__, __file__)}
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [one for one in frames if not any(map(one.filename.startswith, others))]
+    text = f"{type(error).__name__}: {error}"
+    if not own:
+        return text
+    place = f"{Path(own[-1].filename).name}:{own[-1].lineno}"
+    lines = "".join((*traceback.format_list(own), *traceback.format_exception_only(error)))
+    return f"{text} ({place}){OUTPUT_FOLLOWS}{lines.rstrip()}"
 
 
 def module_files() -> tuple[str, ...]:

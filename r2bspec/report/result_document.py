@@ -8,6 +8,7 @@ from typing import Any, Final
 import msgspec
 
 from r2bspec.compare.report_input import ReportInput
+from r2bspec.errors import split_output
 from r2bspec.judge.measure.distribution import (
     MAIN_PERCENTILES,
     PARTS,
@@ -256,6 +257,9 @@ def _estimates(one: RequirementVerdict, path: str, *, compares: bool) -> tuple[C
 
 def _verdict_blocks(result: Result, *, verbose: bool) -> Iterator[Block]:
     verdict = result.verdict
+    _, output = split_output(verdict.reason)
+    if output:
+        yield Verbatim(output)
     if not verdict.requirements:
         yield Paragraph("The spec has no requirements.", detail=Detail.PAGE)
         return

@@ -14,12 +14,22 @@ import msgspec
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import harmless
 from r2bspec.diagnostics.quote import pluralize, printable, printable_lines
-from r2bspec.errors import ExitStatus, R2bspecError
+from r2bspec.errors import ExitStatus, R2bspecError, split_output
 from r2bspec.judge.measure.distribution import SHORT_PERCENTILES, part_title, part_value
 from r2bspec.judge.measure.units import show, show_rate
 from r2bspec.judge.result import Result
 from r2bspec.report import wording
-from r2bspec.report.document import Cell, Column, Document, Items, Row, Section, Table
+from r2bspec.report.document import (
+    Cell,
+    Column,
+    Document,
+    Fold,
+    Items,
+    Row,
+    Section,
+    Table,
+    Verbatim,
+)
 from r2bspec.report.finding_formats import junit_text
 from r2bspec.report.notes import interference_text
 from r2bspec.report.result_document import requirement_columns, requirement_rows
@@ -198,6 +208,7 @@ def suite_document(summary: SuiteSummary, results: Results, path: str = STDOUT) 
         sections=(
             *((Section("Verdicts", (verdicts,)),) if summary.runs else ()),
             *((Section("Notes", (Items(sentences),)),) if sentences else ()),
+            *((Section("Output", tuple(_outputs(summary))),) if any(_outputs(summary)) else ()),
             *((Section("Measurements", (measured,), folded=True),) if measured.rows else ()),
         ),
         footer=f"{summary.started_at} to {summary.ended_at}",
@@ -236,7 +247,16 @@ def _bare_row(run: SuiteRun, result: Result | None, spec: Cell, columns: int) ->
         run.outcome, run.outcome
     )
     empty = (Cell(""),) * (columns - 2)
-    return Row((Cell(word), spec, *empty), (run.reason,) if outcome != "pass" else (), outcome)
+    reason, _ = split_output(run.reason)
+    return Row((Cell(word), spec, *empty), (reason,) if outcome != "pass" else (), outcome)
+
+
+def _outputs(summary: SuiteSummary) -> Iterator[Fold]:
+    """Yield the last output of each process that ended a run."""
+    for run in summary.runs:
+        _, output = split_output(run.reason)
+        if output:
+            yield Fold(f"Last output of {_called(run)}", (Verbatim(output),))
 
 
 def _measurement_table(summary: SuiteSummary, results: Results) -> Table:

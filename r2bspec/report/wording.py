@@ -19,6 +19,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from r2bspec.diagnostics.quote import first_words, join_words, pluralize
+from r2bspec.errors import split_output
 from r2bspec.judge.measure.metrics import RunMetrics
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.methods.peak_bracket import bracket_confidence, peak_doubts
@@ -74,7 +75,7 @@ def requirement_headline(
 
 def reason_after(line: str, verdict: Verdict) -> str:
     """Return the verdict in one sentence, unless the first line of the report has said it."""
-    reason = " ".join(verdict.reason.split())
+    reason = " ".join(split_output(verdict.reason)[0].split())
     return "" if reason.rstrip(".") in line else reason
 
 
@@ -116,7 +117,7 @@ def _decisive(result: Result) -> str:
     verdict = result.verdict
     counted = [requirement for requirement in verdict.requirements if requirement.level == "error"]
     if not verdict.is_judged or not counted:
-        return verdict.reason.rstrip(".")
+        return split_output(verdict.reason)[0].rstrip(".")
     several = several_monitors(verdict)
     by_outcome: dict[str, list[RequirementVerdict]] = {"pass": [], "fail": [], "inconclusive": []}
     for requirement in counted:

@@ -25,11 +25,11 @@ from urllib.parse import quote
 from r2bspec.compare.report_input import ReportInput, read_folder
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.diagnostics.plain_text import harmless
-from r2bspec.errors import R2bspecError
+from r2bspec.errors import R2bspecError, split_output
 from r2bspec.record.files import write_output
 from r2bspec.record.run_folder import FOLDER_ENTRIES, RECORD_FILES
 from r2bspec.report import finding_formats, format_registry
-from r2bspec.report.document import Document, Section, Verbatim
+from r2bspec.report.document import Document, Fold, Section, Verbatim
 from r2bspec.report.findings_text import render_text
 from r2bspec.safe_io.safe_file import is_folder, is_there
 
@@ -208,17 +208,26 @@ def write_failure_reports(
     Raises:
         RecordError: a file cannot be written.
     """
-    diagnostics = tuple(getattr(error, "diagnostics", ()))
+    diagnostics, output = tuple(getattr(error, "diagnostics", ())), ""
     if not diagnostics:
         place = Span.of_file(str(spec))
-        diagnostics = (Diagnostic(error.code, Severity.ERROR, str(error), place, help=error.hint),)
+        text, output = split_output(str(error))
+        diagnostics = (Diagnostic(error.code, Severity.ERROR, text, place, help=error.hint),)
     loaded = getattr(error, "loaded", None)
     sources: Mapping[str, str] = loaded.texts if loaded is not None else {}
     document = Document(
         line=f"✘ error {error.code}: nothing was measured",
         word="✘ error",
         outcome="error",
-        sections=(Section("Error", (Verbatim(render_text(diagnostics, sources)),)),),
+        sections=(
+            Section(
+                "Error",
+                (
+                    Verbatim(render_text(diagnostics, sources)),
+                    *((Fold("Its last output", (Verbatim(output),)),) if output else ()),
+                ),
+            ),
+        ),
     )
     for request in requests:
         if request.format == "markdown":

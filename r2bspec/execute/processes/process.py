@@ -23,6 +23,7 @@ from typing import Any, BinaryIO, Final
 
 import msgspec
 
+from r2bspec.errors import OUTPUT_FOLLOWS
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.process_cleanup import ProcessSession, SessionLeader, kill_process_groups
@@ -360,7 +361,7 @@ class ManagedProcess:
     def last_output(self) -> str:
         """The last lines of its output, as the end of a sentence."""
         tail = self.log_tail()
-        return f"; its last output:\n{tail}" if tail else "; it printed nothing"
+        return f"{OUTPUT_FOLLOWS}{tail}" if tail else "; it printed nothing"
 
 
 def describe_exit(status: int) -> str:

@@ -14,6 +14,7 @@ from test_report_words import STARTS
 
 from html_elements import Page
 from r2bspec.compare.report_input import ReportInput
+from r2bspec.errors import OUTPUT_FOLLOWS
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.measure.metrics import UseMetrics, WorkMetrics
 from r2bspec.judge.result import Result
@@ -154,3 +155,24 @@ def test_what_is_left_open_stands_beside_the_verdict(passing: ReportInput) -> No
     assert headline(result).startswith("✔ PASS simulated: latency.p50 ")
     assert headline(result).endswith("; drop_rate is open on this busy machine")
     assert "? OPEN" in renderer("markdown")(replace(passing, result=result)).decode()
+
+
+def test_a_crash_is_said_with_its_place_and_the_last_lines_of_its_output(
+    passing: ReportInput,
+) -> None:
+    reason = "R2B634: worker: it raised ValueError: no (worker.py:14)"
+    lines = '  File "worker.py", line 14, in work\n    <b>raise</b>\nValueError: no'
+    verdict = msgspec.structs.replace(
+        passing.result.verdict,
+        outcome="incomplete",
+        exit_code=4,
+        reason=f"{reason}{OUTPUT_FOLLOWS}{lines}",
+    )
+    result = msgspec.structs.replace(passing.result, verdict=verdict)
+    assert headline(result) == f"! INCOMPLETE simulated: {reason}"
+    markdown = renderer("markdown")(replace(passing, result=result)).decode()
+    assert '\n      File "worker.py", line 14, in work\n        <b>raise</b>\n' in markdown
+    page = renderer("html")(replace(passing, result=result)).decode()
+    assert "&lt;b&gt;raise" in page
+    text = renderer("text")(replace(passing, result=result)).decode()
+    assert "ValueError: no\n" in text
