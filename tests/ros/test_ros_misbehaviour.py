@@ -67,7 +67,11 @@ def spec(trick: str, at: int) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("trick", "words", "code"),
     [
-        ("raises", "a callback of /r2b/relay raised RuntimeError: lost the plot (nodes.py:", "R2B634"),
+        (
+            "raises",
+            "a callback of /r2b/relay raised RuntimeError: lost the plot (nodes.py:",
+            "R2B634",
+        ),
         ("exits", "process relay exited with status 9", "R2B631"),
         pytest.param(
             "crashes", "process relay was killed by SIGABRT", "R2B631", marks=only_nightly()
