@@ -346,11 +346,11 @@ def run_pairs(
         RecordError: the folder cannot be created.
     """
     from r2bspec.compare.base_reference import parse_base_reference
+    from r2bspec.compare.comparison_time import estimate_comparison
     from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
     from r2bspec.compare.interleaved_runs import compare
     from r2bspec.execute.processes.environment import applied_environment, workspace_environments
     from r2bspec.execute.states import Progress
-    from r2bspec.plan.time_estimate import estimate_pairs
 
     reference = parse_base_reference(against)
     environment = workspace_environments(reference.environments)
@@ -369,7 +369,7 @@ def run_pairs(
     )
     name = f"{head.plan.name}-pairs"
     listener = progress or Progress()
-    seconds = estimate_pairs(head.plan, pairs).seconds
+    seconds = estimate_comparison(head.plan, pairs).seconds
     with queued_host(name, seconds, wait_s, listener):
         return compare(comparison, output or default_run_folder(name), progress)
 

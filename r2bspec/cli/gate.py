@@ -286,11 +286,12 @@ def _check_names(gate: MergeGate) -> None:
 def _estimate(
     prepared: PreparedBenchmark, compared: ComparedSpec, options: RunArguments
 ) -> TimeEstimate:
-    from r2bspec.plan.time_estimate import estimate_pairs, estimate_time
+    from r2bspec.compare.comparison_time import estimate_comparison
+    from r2bspec.plan.time_estimate import estimate_time
 
     if compared.base is None:
         return estimate_time(prepared.plan)
-    return estimate_pairs(prepared.plan, options.pairs)
+    return estimate_comparison(prepared.plan, options.pairs)
 
 
 def _play(

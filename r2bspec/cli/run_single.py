@@ -83,11 +83,13 @@ def folder_line(folder: Path) -> str:
 
 def estimate_of(prepared: PreparedBenchmark, options: RunArguments) -> TimeEstimate:
     """Return how long the run of a spec will take, or its comparison with another."""
-    from r2bspec.plan.time_estimate import estimate_pairs, estimate_time
+    from r2bspec.plan.time_estimate import estimate_time
 
     if not options.compares:
         return estimate_time(prepared.plan)
-    return estimate_pairs(prepared.plan, options.pairs)
+    from r2bspec.compare.comparison_time import estimate_comparison
+
+    return estimate_comparison(prepared.plan, options.pairs)
 
 
 def execute(

@@ -20,11 +20,12 @@ from r2bspec.cli.main import show_error
 from r2bspec.cli.spec_selection import Playing, SuiteEntry, prepare_and_report
 from r2bspec.cli.text_output import queued_host
 from r2bspec.compare.report_input import read_folder
-from r2bspec.diagnostics.quote import pluralize, time_text
+from r2bspec.diagnostics.quote import pluralize
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import changes_since
 from r2bspec.plan.canonical_json import plan_hash
+from r2bspec.plan.time_estimate import range_text
 from r2bspec.record.files import FolderTakenError, write_atomically
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.report import suite as suites
@@ -106,8 +107,9 @@ def _play(entry: SuiteEntry, options: RunArguments, remaining: RemainingTime) ->
 
 def announcement(entries: Sequence[SuiteEntry]) -> str:
     """Return the line that says how many runs there are, and how long they will take."""
-    total = time_text(sum(entry.seconds for entry in entries))
-    return f"{pluralize(len(entries), 'run')}: about {total}"
+    estimates = [entry.estimate for entry in entries if entry.estimate is not None]
+    times = (sum(each.least_s for each in estimates), sum(each.seconds for each in estimates))
+    return f"{pluralize(len(entries), 'run')}: {range_text(*times)}"
 
 
 def _check_reports(options: RunArguments) -> None:

@@ -149,7 +149,7 @@ def prepare_comparison(
         head=head,
         pairs=pairs or usual,
         alternates=alternates,
-        needs_base_alone=not all(map(can_be_played_by_turns, _baseline_metrics(head.plan))),
+        needs_base_alone=needs_base_alone(head.plan),
         against=against,
         control=control,
         differences=tuple(comparability.difference_lines(differences)),
@@ -177,6 +177,11 @@ def why_not_by_turns(base: Plan, head: Plan) -> str:
     if not any(map(can_be_played_by_turns, _baseline_metrics(head))):
         return NOTHING_BY_TURNS
     return ""
+
+
+def needs_base_alone(head: Plan) -> bool:
+    """Return True if a requirement compares what turns do not show."""
+    return not all(map(can_be_played_by_turns, _baseline_metrics(head)))
 
 
 def _baseline_metrics(plan: Plan) -> Iterator[MetricInfo]:

@@ -54,6 +54,7 @@ from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import single_run_plan, without_overhead
 from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.time_estimate import BOTH_SIDES
 from r2bspec.record.comparison_folder import (
     ComparisonFolder,
     PairedComparison,
@@ -382,7 +383,8 @@ class _Pairs(Experiment[Pair]):
 
     def _play_both(self, both: BothSides, unit: Pair) -> bool:
         """Play both sides by turns; False if the first such start shows that this cannot be."""
-        self._progress.note(f"start {unit.number} of at most {self._last_number}, of both sides")
+        title = f"start {unit.number} of at most {self._last_number}, of both sides"
+        self._progress.phase(BOTH_SIDES, title)
         starts: dict[Side, SideStart] = {
             side: SideStart(self._plan_of(side), self._folder.path / side / _folder_name(unit))
             for side in ("base", "head")

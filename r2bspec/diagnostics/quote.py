@@ -131,11 +131,14 @@ def pluralize(number: int, noun: str) -> str:
 
 
 def time_text(seconds: float) -> str:
-    """A time for people, rounded up: ``40 s``, ``3 min``, ``1 h 20 min``."""
+    """A time for people, rounded up: ``40 s``, ``2 min 30 s``, ``1 h 20 min``."""
     if seconds < 10:
         return f"{math.ceil(seconds)} s"
     if seconds <= 115:
         return f"{math.ceil(seconds / 5) * 5} s"
+    if seconds <= 270:
+        minutes, half = divmod(math.ceil(seconds / 30), 2)
+        return f"{minutes} min 30 s" if half else f"{minutes} min"
     minutes = math.ceil(seconds / 60)
     if minutes < 60:
         return f"{minutes} min"

@@ -39,7 +39,7 @@ _SHARE_BY_TURNS: Final = 0.3
 """Of the error, for each look at starts of both sides. Pairs share most of their values from look
 to look, so that the sum is not used up (`tests/simulation/test_simulation_turns.py`)."""
 
-_FIRST_LOOK: Final = 5
+FIRST_LOOK: Final = 5
 """After so many starts; fewer are judged only at the end of a run that has no more."""
 
 MAX_LOOKS: Final = 20
@@ -105,7 +105,7 @@ class InterimLooks:
             ends = {min(iterations * factor, most) for factor in LOOK_FACTORS}
         else:
             parts = iterations_of_starts(iterations, starts, most)
-            parts = parts[_FIRST_LOOK - 1 :]
+            parts = parts[FIRST_LOOK - 1 :]
             ends = {part[-1] for part in parts[:: max(1, -(-len(parts) // (MAX_LOOKS - 1)))]}
         return cls(tuple(sorted(ends | {most})), declared=iterations, after_starts=starts > 1)
 
@@ -135,7 +135,7 @@ class InterimLooks:
             confirmed_from: the look that failed; the next one is at the end.
         """
         last = confirmed_from or starts
-        ends = set(range(_FIRST_LOOK, last)) | {last, starts}
+        ends = set(range(FIRST_LOOK, last)) | {last, starts}
         return cls(tuple(sorted(ends)), declared=starts, after_starts=True, by_turns=True)
 
     def __len__(self) -> int:

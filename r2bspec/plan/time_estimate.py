@@ -1,19 +1,21 @@
 """How long a run or a comparison will take, from its plan alone: an estimate for people who wait.
 
-What the plan declares is exact: iterations and warm-up. A search ends as soon as it can. What the
-plan does not know, such as the start of processes, is a typical value. Nothing is decided by these
-numbers.
+What the plan declares is exact: iterations and warm-up. A search ends as soon as it can, and a
+comparison when it is decided, so that both ends are stated. What the plan does not know, such as
+the start of processes, is a typical value. Nothing is decided by these numbers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from r2bspec.diagnostics.quote import time_text
 from r2bspec.language.benchmark_defaults import PROBE, SEARCH_CONFIRMATIONS, SEARCH_PROBES
 from r2bspec.language.spec import StartWaits
 from r2bspec.plan.comparability import pair_count, single_run_plan, without_overhead
+from r2bspec.plan.interim_looks import FIRST_LOOK
 from r2bspec.plan.plan import Plan, PlayPlan
 
 _LOAD_S = 0.5
@@ -25,6 +27,7 @@ _PROCESS_START_S = 0.3
 _COLLECT_S = 1.0
 _LATER_START_S = 1.0
 _SEGMENT_END_S = 0.2
+_SIDES_START_S = 5.0
 """Typical times."""
 
 _TYPICAL_SEARCH = 0.5
@@ -41,12 +44,19 @@ class TimeEstimate:
         phases: seconds by phase of one run, in its order; later starts are a part of ``play``.
         at_most_s: of all runs, with all additional iterations and the confirmation that the plan
             allows.
-        runs: how many are made one after the other: two for each pair of a comparison.
+        runs: how many are made one after the other, if none is left out: two for each pair of a
+            comparison, and one for each start of both its sides.
+        least_runs: after so many a comparison may be decided; `runs` if 0.
+        noun: what a run is called.
+        once_s: the time before the first one.
     """
 
     phases: Mapping[str, float]
     at_most_s: float
     runs: int = 1
+    least_runs: int = 0
+    noun: str = "runs"
+    once_s: float = 0.0
 
     @property
     def run_s(self) -> float:
@@ -56,13 +66,37 @@ class TimeEstimate:
     @property
     def seconds(self) -> float:
         """The time of all runs."""
-        return self.runs * self.run_s
+        return self.once_s + self.runs * self.run_s
+
+    @property
+    def least_s(self) -> float:
+        """The time of the fewest runs that may decide a comparison."""
+        return self.once_s + (self.least_runs or self.runs) * self.run_s
 
     def text(self) -> str:
-        """The estimate in words: ``about 40 s, up to 2 min``, ``about 3 min, 10 runs``."""
+        """The estimate in words.
+
+        Such as ``about 40 s, up to 2 min``, or, of a comparison, ``about 50 s to 2 min (5 to 12
+        starts of both sides), up to 3 min with a confirmation``.
+        """
         expected, longest = time_text(self.seconds), time_text(self.at_most_s)
         at_most = f", up to {longest}" if longest != expected else ""
-        return f"about {expected}{at_most}" + (f", {self.runs} runs" if self.runs > 1 else "")
+        if self.runs == 1:
+            return f"about {expected}{at_most}"
+        number = f"{self.least_runs} to {self.runs}" if self.is_open else str(self.runs)
+        confirmed = f"{at_most} with a confirmation" if at_most else ""
+        return f"{range_text(self.least_s, self.seconds)} ({number} {self.noun}){confirmed}"
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a comparison may be decided before all runs are made."""
+        return 0 < self.least_runs < self.runs
+
+
+def range_text(least_s: float, most_s: float) -> str:
+    """Return the time in words of what takes at least and at most so long."""
+    least, most = time_text(least_s), time_text(most_s)
+    return f"about {most}" if least == most else f"about {least} to {most}"
 
 
 def estimate_time(plan: Plan) -> TimeEstimate:
@@ -116,10 +150,45 @@ def estimate_pairs(plan: Plan, pairs: int | None = None) -> TimeEstimate:
     played = pairs or pair_count(plan)
     if plan.gate.time_budget_ns:
         played = max(1, min(played, int(plan.gate.time_budget_ns / 1e9 / (2 * once.seconds))))
-    expected_s = 2 * played * once.seconds
     # A comparison that failed is confirmed by as many new pairs.
-    confirmed = plan.gate.confirm and bool(plan.objectives)
-    return TimeEstimate(once.phases, expected_s * (2 if confirmed else 1), runs=2 * played)
+    most_s = 2 * played * once.seconds * (2 if _may_be_confirmed(plan) else 1)
+    return TimeEstimate(once.phases, most_s, 2 * played, 2 * min(played, FIRST_LOOK))
+
+
+BOTH_SIDES: Final = "both_sides"
+"""The phase of a start of both sides."""
+
+
+def estimate_turns(plan: Plan, starts: int, steps: int, *, base_alone: bool) -> TimeEstimate:
+    """The time that starts of both sides will take, which are played by turns.
+
+    Args:
+        plan: of the head, with all iterations.
+        starts: the most of them.
+        steps: of each side, at each rate, in each start.
+        base_alone: whether the base is also played alone.
+    """
+    once = estimate_time(without_overhead(single_run_plan(plan))).phases
+    loaded_s = once.get("load", 0.0) + once.get("preprocess", 0.0)
+    turns_s = sum(steps / play.rate_hz + _SEGMENT_END_S for play in plan.plays if play.rate_hz)
+    # The processes of both sides start at once, on the same cores.
+    up_s = once.get("start", 0.0) + once.get("graph", 0.0)
+    alone_s = once.get("play", 0.0) if base_alone else 0.0
+    start_s = sum(once.values()) - loaded_s + up_s + turns_s + alone_s
+    most = starts + max(3, starts // 2) if _may_be_confirmed(plan) else starts
+    once_s = _SIDES_START_S + loaded_s
+    return TimeEstimate(
+        {BOTH_SIDES: start_s},
+        once_s + most * start_s,
+        starts,
+        min(starts, FIRST_LOOK),
+        "starts of both sides",
+        once_s,
+    )
+
+
+def _may_be_confirmed(plan: Plan) -> bool:
+    return plan.gate.confirm and bool(plan.objectives)
 
 
 def _play_s(play: PlayPlan, iterations: int) -> float:

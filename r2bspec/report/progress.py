@@ -13,7 +13,7 @@ from r2bspec.diagnostics.plain_text import plain
 from r2bspec.diagnostics.quote import printable, time_text
 from r2bspec.execute.states import Progress, SegmentProgress
 from r2bspec.judge.measure.units import show
-from r2bspec.plan.time_estimate import TimeEstimate
+from r2bspec.plan.time_estimate import BOTH_SIDES, TimeEstimate
 from r2bspec.report.output import console, write
 
 if TYPE_CHECKING:
@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 
 
 class RemainingTime:
-    """Follows the phases of a run, or of several runs of one plan, and estimates what is left."""
+    """Follows the phases of a run, or of several runs of one plan, and estimates what is left.
+
+    Of several runs, the next one will take as long as the one before.
+    """
 
     def __init__(
         self,
@@ -44,7 +47,9 @@ class RemainingTime:
         self._after_s = after_s
         self._clock = clock
         self._phase = -1
-        self._began_s = clock()
+        self._began_s = self._run_began_s = clock()
+        self._run_s = estimate.run_s
+        self._is_known = True
 
     def begin(self, name: str) -> None:
         """A phase begins.
@@ -58,26 +63,53 @@ class RemainingTime:
         if name not in self._names:
             return
         number = self._names.index(name)
-        if number < self._phase:
+        if number < self._phase or (number == self._phase and name == BOTH_SIDES):
             if self._runs_left <= 1:
+                # A confirmation, of which nobody knows how long it is.
+                self._is_known = self._estimate.runs == 1
                 return
+            self._run_s = self._clock() - self._run_began_s
+            if self._runs_left == self._estimate.runs:
+                self._run_s = max(self._run_s - self._estimate.once_s, 0.0)
             self._runs_left -= 1
+            self._run_began_s = self._clock()
         elif number == self._phase:
             return
         self._phase, self._began_s = number, self._clock()
 
     def seconds(self) -> float:
         """The estimated rest; a phase that takes longer than expected adds nothing."""
-        times = list(self._estimate.phases.values())
+        times = [seconds * self._factor for seconds in self._estimate.phases.values()]
         later = sum(times[self._phase + 1 :])
-        current = times[self._phase] if self._phase >= 0 else 0.0
-        rest = max(0.0, current - (self._clock() - self._began_s))
-        return rest + later + (self._runs_left - 1) * self._estimate.run_s + self._after_s
+        elapsed_s = self._clock() - self._began_s if self._phase >= 0 else 0.0
+        rest = max(0.0, self._current_s - elapsed_s)
+        return rest + later + (self._runs_left - 1) * self._run_s + self._after_s
+
+    @property
+    def _factor(self) -> float:
+        """How much longer the last run took than expected."""
+        return self._run_s / self._estimate.run_s if self._estimate.run_s else 1.0
+
+    @property
+    def _current_s(self) -> float:
+        """How long the current phase should take in all."""
+        is_first = self._runs_left == self._estimate.runs and self._phase < 1
+        once_s = self._estimate.once_s if is_first else 0.0
+        if self._phase < 0:
+            return once_s
+        return list(self._estimate.phases.values())[self._phase] * self._factor + once_s
 
     def text(self) -> str:
-        """The rest in words."""
-        return f"about {time_text(max(self.seconds(), 1.0))} left"
+        """The rest in words, as far as it is known."""
+        late_s = self._clock() - self._began_s - self._current_s
+        if not self._is_known or (self._phase >= 0 and late_s > max(_LATE_S, self._current_s / 3)):
+            return "takes longer than estimated"
+        left = f"about {time_text(max(self.seconds(), 1.0))} left"
+        return f"{left} if all are played" if self._estimate.is_open else left
 
+
+_LATE_S = 5.0
+"""A phase that takes so much longer than estimated, or a third longer, makes the rest unknown."""
 
 _LINE_INTERVAL_S = 10.0
 """Logs should be short, and show that the run continues."""
@@ -148,7 +180,7 @@ class _PlainProgress(_ShownProgress):
 
     def phase(self, name: str, text: str) -> None:
         super().phase(name, text)
-        self._write_line(text)
+        self._write_line(text, self._rest() if name == BOTH_SIDES else "")
 
     def segment(self, title: str, steps: int) -> None:
         super().segment(title, steps)

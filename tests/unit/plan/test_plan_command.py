@@ -16,7 +16,7 @@ from command_line import Call
 from r2bspec.diagnostics.quote import time_text
 from r2bspec.plan.canonical_json import read_plan
 from r2bspec.plan.plan import GatePlan, PlayPlan, SearchPlan
-from r2bspec.plan.time_estimate import estimate_time
+from r2bspec.plan.time_estimate import BOTH_SIDES, TimeEstimate, estimate_time, estimate_turns
 from r2bspec.report.findings_text import code_with_slug
 
 # ``r2bspec plan``: what a run will do.
@@ -147,6 +147,37 @@ def test_what_a_plan_declares_takes_time(
 
 
 @pytest.mark.parametrize(
+    ("estimate", "text"),
+    [
+        (TimeEstimate({"play": 41.0}, 41.0), "about 45 s"),
+        (TimeEstimate({"play": 41.0}, 90.0), "about 45 s, up to 90 s"),
+        (TimeEstimate({"play": 9.0}, 36.0, 4, 4), "about 40 s (4 runs)"),
+        (
+            TimeEstimate({"play": 9.0}, 180.0, 20, 10),
+            "about 90 s to 3 min (10 to 20 runs)",
+        ),
+        (
+            TimeEstimate({BOTH_SIDES: 9.0}, 166.0, 12, 5, "starts of both sides", 4.0),
+            "about 50 s to 115 s (5 to 12 starts of both sides), up to 3 min with a confirmation",
+        ),
+    ],
+)
+def test_an_estimate_says_what_is_not_known(estimate: TimeEstimate, text: str) -> None:
+    assert estimate.text() == text
+
+
+def test_starts_of_both_sides_take_as_long_as_their_turns() -> None:
+    plan = msgspec.structs.replace(BARE, play=plays(1, 10, 10))
+    few, many = (estimate_turns(plan, 5, steps, base_alone=False) for steps in (40, 80))
+    rate_hz = plan.play[0].rate_hz
+    assert many.run_s - few.run_s == pytest.approx(40 / rate_hz)
+    alone = estimate_turns(plan, 5, 40, base_alone=True)
+    assert alone.run_s - few.run_s == pytest.approx(10.2)
+    assert not few.is_open, "fewer than five starts decide nothing"
+    assert estimate_turns(plan, 12, 40, base_alone=False).is_open
+
+
+@pytest.mark.parametrize(
     ("seconds", "text"),
     [
         (0.2, "1 s"),
@@ -155,6 +186,9 @@ def test_what_a_plan_declares_takes_time(
         (90, "90 s"),
         (111, "115 s"),
         (116, "2 min"),
+        (121, "2 min 30 s"),
+        (170, "3 min"),
+        (271, "5 min"),
         (4800, "1 h 20 min"),
     ],
 )

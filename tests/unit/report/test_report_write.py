@@ -16,7 +16,7 @@ from data_bags import text, write_bag
 from r2bspec.cli.main import main
 from r2bspec.errors import ExitStatus
 from r2bspec.extras import install_command
-from r2bspec.plan.time_estimate import TimeEstimate
+from r2bspec.plan.time_estimate import BOTH_SIDES, TimeEstimate
 from r2bspec.record.run_folder import Run
 from r2bspec.report.format_registry import ReportError, ReportUsageError
 from r2bspec.report.progress import RemainingTime, shown_progress
@@ -156,7 +156,34 @@ def test_the_remaining_time_counts_phases_and_runs() -> None:
     now[0] += 500
     assert remaining.seconds() == 115 + 7
     remaining.begin("load")
-    assert remaining.seconds() == 115 + 7
+    assert remaining.seconds() == 504 + 7, "the next run will take as long as the last one"
+
+
+def test_the_rest_of_a_comparison_by_turns_follows_its_starts() -> None:
+    now = [0.0]
+    estimate = TimeEstimate({BOTH_SIDES: 10.0}, 154.0, 12, 5, "starts of both sides", once_s=4.0)
+    remaining = RemainingTime(estimate, clock=lambda: now[0])
+    assert remaining.seconds() == 124
+    remaining.begin(BOTH_SIDES)
+    now[0] += 4
+    assert remaining.text() == "about 2 min left if all are played"
+    assert remaining.seconds() == 120
+    now[0] += 15
+    remaining.begin(BOTH_SIDES)
+    assert remaining.seconds() == 11 * 15
+    for _ in range(11):
+        now[0] += 15
+        remaining.begin(BOTH_SIDES)
+    assert remaining.text() == "takes longer than estimated", "a confirmation has begun"
+
+
+@pytest.mark.parametrize(("late_s", "known"), [(4.0, True), (6.0, False)])
+def test_the_rest_of_a_phase_that_takes_longer_is_not_known(late_s: float, known: bool) -> None:
+    now = [0.0]
+    remaining = RemainingTime(TimeEstimate({"load": 3.0, "play": 9.0}, 12.0), clock=lambda: now[0])
+    remaining.begin("load")
+    now[0] += 3.0 + late_s
+    assert remaining.text() == ("about 9 s left" if known else "takes longer than estimated")
 
 
 # A report replaces nothing that it is made from.
