@@ -101,12 +101,12 @@ class _SpecFile(pytest.File):
 
     def collect(self) -> Iterable[pytest.Item]:
         """One test of the spec itself, and one for each requirement; those of each case."""
-        from r2bspec.diagnostics.plain_text import plain
+        from r2bspec.diagnostics.quote import printable
         from r2bspec.language.load_spec import load_cases
 
         for loaded in load_cases(self.path, **self.access):
             # As pytest writes the parameters of a test.
-            case = plain(f"[{loaded.case}]") if loaded.case else ""
+            case = printable(f"[{loaded.case}]") if loaded.case else ""
             yield _Validation.from_parent(self, name=f"valid{case}", loaded=loaded)
             if loaded.spec is None:
                 continue
@@ -115,7 +115,7 @@ class _SpecFile(pytest.File):
                     span = loaded.span(("slos", objective, "require", number))
                     yield _Requirement.from_parent(
                         self,
-                        name=plain(f"{objective}: {requirement.text.strip()}") + case,
+                        name=printable(f"{objective}: {requirement.text.strip()}") + case,
                         loaded=loaded,
                         objective=objective,
                         text=requirement.text,

@@ -401,6 +401,10 @@ class _Run:
         killed = context.supervisor.close()
         if killed:
             context.note(f"killed, because they did not exit: {', '.join(sorted(set(killed)))}")
+        if context.supervisor.lost_watchdog:
+            context.note(
+                "the watchdog was killed: if r2bspec had been, too, processes would have been left"
+            )
         if cut := context.supervisor.truncated_logs:
             context.note(f"truncated large logs: {', '.join(log.name for log in cut)}")
         processes = context.supervisor.records()

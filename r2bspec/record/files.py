@@ -6,6 +6,7 @@ Also the lock by which a folder belongs to one run.
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
 import weakref
@@ -17,7 +18,7 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
-from r2bspec.errors import ExitStatus, R2bspecError, refusal_hint
+from r2bspec.errors import ExitStatus, R2bspecError, is_refusal, refusal_hint
 from r2bspec.safe_io.limits import MAX_JSON_BYTES
 from r2bspec.safe_io.safe_file import is_regular, is_there, read_bytes
 from r2bspec.safe_io.safe_json import decode_json, read_json
@@ -69,11 +70,15 @@ def write_atomically(path: Path, content: bytes) -> None:
         temporary.replace(path)
         _sync_folder(path.parent)
     except OSError as error:
-        raise RecordError(
+        failure = RecordError(
             f"{path} cannot be written: {error.strerror or error}",
             hint=refusal_hint(error),
             code=RUN_UNWRITABLE,
-        ) from error
+        )
+        if is_refusal(error) and error.errno != errno.EROFS:
+            # Nothing is wrong with what the user named: with more room, the same call works.
+            failure.exit_code = ExitStatus.RUN_FAILED
+        raise failure from error
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)

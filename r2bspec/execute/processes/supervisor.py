@@ -63,7 +63,13 @@ _Answer = TypeVar("_Answer")
 
 
 class ProcessSupervisor:
-    """All processes of a run, and the watchdog that ends them if the controller is killed."""
+    """All processes of a run, and the watchdog that ends them if the controller is killed.
+
+    Attributes:
+        lost_watchdog: whether the watchdog was not there any more when the run was closed.
+    """
+
+    lost_watchdog = False
 
     def __init__(
         self,
@@ -353,6 +359,7 @@ class ProcessSupervisor:
         self._killed += clean_up(
             self._run_id, sessions, grace_s=MAX_SIGTERM_S, since_s=self._began_s - 1.0
         )
+        self.lost_watchdog = self._watchdog.poll() is not None
         self._notify_watchdog("done\n")
         with contextlib.suppress(OSError):
             if self._watchdog.stdin is not None:

@@ -451,3 +451,11 @@ def test_a_watchdog_that_was_stopped_does_not_outlive_the_run(
     stage.children._watchdog.send_signal(signal.SIGSTOP)
     stage.children.close()
     assert stage.children._watchdog.poll() == -signal.SIGKILL
+    assert not stage.children.lost_watchdog
+
+
+def test_a_watchdog_that_was_killed_is_known(stage: Stage) -> None:
+    stage.children._watchdog.kill()
+    stage.children._watchdog.wait()
+    stage.children.close()
+    assert stage.children.lost_watchdog

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from r2bspec.cli.main import main
+from r2bspec.errors import ExitStatus
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.record.files import RecordError, write_atomically
 from r2bspec.record.run_folder import Run, RunFolder, open_run
@@ -59,8 +60,9 @@ def test_a_file_that_could_not_be_finished_leaves_the_old_one(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", fail)
-    with pytest.raises(RecordError, match="No space left"):
+    with pytest.raises(RecordError, match="No space left") as caught:
         write_atomically(path, b"new")
+    assert caught.value.exit_code == ExitStatus.RUN_FAILED
     assert path.read_bytes() == b"old"
     assert [found.name for found in tmp_path.iterdir()] == ["file"]
 

@@ -108,6 +108,18 @@ def test_the_cases_of_a_matrix_are_parameters(tmp_path: Path, pytest_run: Run) -
     assert "R2B140" not in done.stdout
 
 
+def test_the_name_of_a_test_is_one_line(folder: Path, pytest_run: Run) -> None:
+    requirement = '"latency.p50\\n< 60 ms"'
+    (folder / "lines.r2b.yaml").write_text(
+        SPEC.replace("name: simulated", "name: lines").replace(REQUIRED[0], requirement)
+        + 'variables: {queue: x}\nmatrix: {axes: {queue: ["a\\nb"]}}\n'
+    )
+    done = pytest_run(folder, "--r2bspec", "--collect-only", "-q", "lines.r2b.yaml")
+    names = [line for line in done.stdout.splitlines() if line.startswith("lines.r2b.yaml::")]
+    assert len(names) == 1 + len(REQUIRED), done.stdout
+    assert all(name.endswith("]") for name in names), names
+
+
 def test_a_spec_that_is_a_link_needs_an_allowed_folder(
     folder: Path, tmp_path: Path, pytest_run: Run
 ) -> None:

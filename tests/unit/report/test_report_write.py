@@ -137,9 +137,9 @@ def test_the_log_of_a_ci_job_has_a_line_a_minute_and_each_note_once(
     said = capsys.readouterr().err.splitlines()
     # 200 s, a note, and a line at the start.
     assert len(said) == 1 + 1 + 3
-    assert said[0].endswith("reading a bag · about 4 min left")
+    assert said[0].endswith("reading a bag · about 3 min 30 s left")
     assert "playing at fixed rates · 20 Hz, iteration 5" in said[2]
-    assert said[2].endswith("about 3 min left")
+    assert said[2].endswith("about 2 min 30 s left")
 
 
 def test_the_remaining_time_counts_phases_and_runs() -> None:
