@@ -23,18 +23,19 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import msgspec
 
 from r2bspec.compare.report_input import measure, open_folder, read_result
-from r2bspec.judge.measure.distribution import (
-    MAIN_PERCENTILES,
-    SHORT_PERCENTILES,
-    part_value,
-    quantile,
+from r2bspec.judge.measure.distribution import part_value
+from r2bspec.judge.measure.metric import MetricInfo
+from r2bspec.judge.measure.metric_catalogue import (
+    WHOLE_GRAPH,
+    find_metric,
+    monitor_metrics,
+    observed_metric,
 )
-from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH
 from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics, RunMetrics, summarise
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.measure.times import rank
@@ -198,10 +199,6 @@ def _compared(
     )
 
 
-_COMPARED_PARTS: Final = (".callback", ".wait", ".transport", ".path")
-"""Of what was observed from inside: the parts that take long."""
-
-
 _Values = tuple[str, str, str, list[float | None]]
 """Monitor, metric, unit, and a value for each iteration."""
 
@@ -219,12 +216,10 @@ def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries
 def _of_monitors(rate: RateMetrics) -> Iterator[_Values]:
     for monitor in rate.pooled.monitors:
         seen = [iteration.monitors[monitor] for iteration in rate.iterations]
-        yield monitor, "throughput.mean", "Hz", [sample.throughput_hz for sample in seen]
-        for part in ("mean", *MAIN_PERCENTILES):
-            values = [_latency(sample, part) for sample in seen]
-            yield monitor, f"latency.{part}", "s", _possible(values, seen)
-        drops = [sample.drop_rate for sample in seen]
-        yield monitor, "drop_rate", "share", _possible(drops, seen)
+        for info in monitor_metrics():
+            if info.part in info.metric.compared:
+                values = [_value(sample, info) for sample in seen]
+                yield monitor, info.name, info.unit, _possible(values, seen)
 
 
 def _of_processes(rate: RateMetrics, graph: set[str]) -> Iterator[_Values]:
@@ -241,34 +236,30 @@ def _of_processes(rate: RateMetrics, graph: set[str]) -> Iterator[_Values]:
 
 def _of_parts(rate: RateMetrics) -> Iterator[_Values]:
     for name in rate.pooled.anatomy or ():
-        if name.endswith(_COMPARED_PARTS):
+        metric = observed_metric(name)
+        for part in metric.metric.compared if metric is not None else ():
             observed = [(iteration.anatomy or {}).get(name) for iteration in rate.iterations]
-            for part in SHORT_PERCENTILES:
-                values = [part_value(times, part) if times else None for times in observed]
-                yield "", f"{name}.{part}", "s", values
+            values = [part_value(times, part) if times else None for times in observed]
+            yield "", f"{name}.{part}", "s", values
 
 
 def _possible(values: list[float | None], seen: Sequence[MonitorMetrics]) -> list[float | None]:
     """The values; none at all if there cannot be any, as no output was expected."""
-    if any(value is not None for value in values) or any(
-        sample.expected is not None for sample in seen
-    ):
-        return values
-    return []
+    known = any(value is not None for value in values)
+    return values if known or any(sample.is_expected for sample in seen) else []
 
 
-def _latency(seen: MonitorMetrics, part: str) -> float | None:
-    """A part of the latency; None if the percentile is a lost message."""
-    q = quantile(part)
-    if q is not None and seen.expected and rank(q, seen.expected) > (seen.answered or 0):
+def _value(seen: MonitorMetrics, info: MetricInfo) -> float | None:
+    """The value of a metric; None if the percentile is a lost message."""
+    q = info.quantile if info.metric.lost_is_slowest else None
+    if q is not None and seen.expected and rank(q, seen.expected) > seen.count("answered"):
         return None
-    return part_value(seen.latency, part)
+    return seen.value(info)
 
 
 SHARE_MARGIN = 0.005
 """Half a percent of the messages: the margin of the share that arrived."""
 
-_BIGGER_IS_BETTER = ("throughput.mean", "peak.rate")
 _MAX_DIFFERENCES = 12
 _COMPARED_BY_RATE = frozenset({"play", "play_at_peak", "search", "monitors"})
 """Fields of a load that may differ: only metrics at the same rate and monitor are compared."""
@@ -400,12 +391,13 @@ def _rates_text(side: ComparedResult) -> str:
 
 def _line(key: SeriesKey, base: MetricSeries, head: MetricSeries, margin: float) -> ComparisonLine:
     rate, monitor, metric = key
-    drops = metric == "drop_rate"
+    info = find_metric(metric)
+    drops = info.statistic == "share"
     margin = SHARE_MARGIN if drops else margin
     # A drop rate is compared by the share that arrived: more is better.
     before, after = (_delivered_share(value) if drops else value for value in (base, head))
     ratio_text = ratio, lower, upper = _ratio(before, after)
-    bigger = metric in _BIGGER_IS_BETTER or drops
+    bigger = info.metric.more_is_better or drops
     outcome, reason = _decide(before, ratio_text, margin, bigger=bigger)
     return ComparisonLine(
         offered_hz=rate,

@@ -214,7 +214,7 @@ def idle_work_notes(result: Result) -> Iterator[str]:
     cores = result.machine.get("cores")
     for rate in result.metrics.rates:
         monitors = rate.pooled.monitors.values()
-        latencies = [seen.latency_from_due.p90 for seen in monitors]
+        latencies = [seen.times("latency_from_due").p90 for seen in monitors]
         known = [latency for latency in latencies if latency is not None]
         if not rate.offered_hz or not known or len(known) < len(latencies) or not cores:
             continue
@@ -287,9 +287,9 @@ def _live_notes(result: Result) -> Iterator[str]:
     )
     for rate in live:
         for name, seen in rate.pooled.monitors.items():
-            if seen.received and seen.latency.n < seen.received:
+            if seen.latency.n < (received := seen.count("received")):
                 yield (
-                    f"{name}: the latency of {show(seen.received - seen.latency.n, 'count')} "
+                    f"{name}: the latency of {show(received - seen.latency.n, 'count')} "
                     "messages is unknown: they have no stamp of this machine's clock"
                 )
 
@@ -299,8 +299,8 @@ def _reception_notes(result: Result) -> Iterator[str]:
     rmw = wording.loaded_rmw(result)
     seen = [monitor for rate in result.metrics.rates for monitor in rate.pooled.monitors.values()]
     received, untimed = (
-        sum(sample.received for sample in seen),
-        sum(sample.untimed for sample in seen),
+        sum(sample.count("received") for sample in seen),
+        sum(sample.count("untimed") for sample in seen),
     )
     if 2 * untimed > received:
         what = "gives no times of reception"
@@ -325,27 +325,35 @@ def _message_anomalies(result: Result) -> Iterator[str]:
     for rate in result.metrics.rates:
         for name, seen in rate.pooled.monitors.items():
             where = f"{name} {at_rate(rate.offered_hz, rate.pace)}"
-            if not seen.received:
+            received = seen.count("received")
+            if not received:
                 yield f"{where} received nothing"
             elif seen.unknown_latency:
                 yield f"{where}: the latency is unknown: {seen.unknown_latency}"
             if seen.own_period_s is not None:
-                hz = rate.offered_hz if len(result.metrics.rates) == 1 and seen.answered else 0.0
+                hz = (
+                    rate.offered_hz
+                    if len(result.metrics.rates) == 1 and seen.count("answered")
+                    else 0.0
+                )
                 yield f"{where}: {own_pace_text(seen.own_period_s, 1 / hz if hz else 0.0)}"
                 continue
-            if seen.expected != seen.sent:
-                inputs, outputs = show(seen.sent, "count"), show(seen.expected, "count")
+            sent = seen.count("sent")
+            if seen.is_expected and seen.expected != sent:
+                inputs, outputs = show(sent, "count"), show(seen.expected, "count")
                 yield f"{where}: {inputs} inputs, {outputs} outputs expected"
             odd = {
-                "duplicated": 0 if _is_feedback(name, rate.pooled.monitors) else seen.duplicates,
-                "reordered": seen.reordered,
-                "matched no input": (seen.unmatched or 0) - (seen.overdue or 0),
-                "arrived in a later segment (counted as missed)": seen.overdue,
-                "arrived before the input": seen.early,
+                "duplicated": 0
+                if _is_feedback(name, rate.pooled.monitors)
+                else seen.count("duplicates"),
+                "reordered": seen.count("reordered"),
+                "matched no input": seen.count("unmatched") - seen.count("overdue"),
+                "arrived in a later segment (counted as missed)": seen.count("overdue"),
+                "arrived before the input": seen.count("early"),
             }
             texts = [f"{show(count, 'count')} {what}" for what, count in odd.items() if count]
             if texts:
-                yield f"{where}: of {show(seen.received, 'count')} messages, {', '.join(texts)}"
+                yield f"{where}: of {show(received, 'count')} messages, {', '.join(texts)}"
 
 
 def _joined_notes(result: Result) -> Iterator[str]:

@@ -11,12 +11,12 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import split_output
 from r2bspec.judge.measure.distribution import (
     MAIN_PERCENTILES,
-    PARTS,
     SHORT_PERCENTILES,
     TAIL_PERCENTILE,
     part_title,
     part_value,
 )
+from r2bspec.judge.measure.metric import SECTIONS, MetricInfo, Outputs
 from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics, UseMetrics
 from r2bspec.judge.measure.units import at_rate, show, show_rate, significant
 from r2bspec.judge.result import Result
@@ -41,12 +41,14 @@ from r2bspec.report.document import (
 )
 from r2bspec.report.notes import notes, profile_notes
 from r2bspec.report.result_table import (
-    METRICS,
     Measured,
+    is_roomy,
     measured,
     measured_iterations,
     monitor_names,
     pointer,
+    section_metrics,
+    summary_metrics,
 )
 
 Charts = Mapping[str, Sequence[Chart]]
@@ -297,33 +299,6 @@ def _note_blocks(result: Result, *, verbose: bool) -> Iterator[Block]:
 
 # What monitors received.
 
-_SUMMARY: Final = {
-    "throughput.mean": Detail.ALWAYS,
-    **{
-        f"latency.{part}": Detail.ALWAYS if part in SHORT_PERCENTILES else Detail.ROOMY
-        for part in MAIN_PERCENTILES
-    },
-    "latency.max": Detail.ALWAYS,
-    "sent": Detail.ALWAYS,
-    "missed": Detail.ALWAYS,
-    "received": Detail.ALWAYS,
-}
-"""The columns of the table of a monitor."""
-
-_TIMES: Final = (
-    *(f"latency.{part}" for part in PARTS),
-    *(f"{family}.{TAIL_PERCENTILE}" for family in ("jitter", "latency_from_due")),
-)
-_COUNTS: Final = (
-    *("throughput.mean", "sent", "answered", "missed", "drop_rate"),
-    *("late", "duplicates", "reordered", "unmatched", "overdue"),
-)
-_ITERATION: Final = (
-    "throughput.mean",
-    *(f"latency.{part}" for part in (*SHORT_PERCENTILES, "max")),
-    *("sent", "missed"),
-)
-
 
 def _measurement_blocks(report_input: ReportInput) -> Iterator[Block]:
     result = report_input.result
@@ -331,17 +306,19 @@ def _measurement_blocks(report_input: ReportInput) -> Iterator[Block]:
     if report_input.run is None:
         text = "Made from a result.json; the charts of single messages need the run folder."
         yield Paragraph(text, quiet=True, detail=Detail.PAGE)
+    brief = [info for info in summary_metrics() if not is_roomy(info)]
     for name in monitor_names(metrics):
         title = result.monitor_title(name)
         yield _summary_table(title, [*measured(metrics, name)])
-        yield _metric_table(f"{title}: latency", _TIMES, measured(metrics, name))
-        yield _metric_table(f"{title}: messages", _COUNTS, measured(metrics, name))
+        for section in SECTIONS:
+            columns = section_metrics(section)
+            yield _metric_table(f"{title}: {section}", columns, measured(metrics, name))
         yield from _hop_table(name, title, metrics)
         rows = [*measured_iterations(metrics, name)]
         if len(rows) > 1:
             yield Fold(
                 f"Iterations at {title}",
-                (_metric_table("iterations", _ITERATION, rows[:_MAX_ITERATIONS]),),
+                (_metric_table("iterations", brief, rows[:_MAX_ITERATIONS]),),
                 detail=Detail.PAGE,
             )
         if len(rows) > _MAX_ITERATIONS:
@@ -352,45 +329,45 @@ def _measurement_blocks(report_input: ReportInput) -> Iterator[Block]:
 
 def _summary_table(title: str, rows: Sequence[Measured]) -> Table:
     """Return the table of a monitor: a line for each rate, below it the range over iterations."""
-    own_pace = any(row.seen.age is not None for row in rows)
-    family = "latency"
-    if own_pace and not any(row.rate.pace == "source" for row in rows):
-        family = "age"
-    hidden = ("sent", "missed") if own_pace else ("received",)
-    chosen = [name for name in _SUMMARY if name not in hidden]
+    outputs: Outputs = "answers"
+    if not all(row.seen.is_expected for row in rows):
+        outputs = "live" if any(row.rate.pace == "source" for row in rows) else "own pace"
+    family = "age" if outputs == "own pace" else "latency"
+    chosen = summary_metrics(outputs)
     columns = (
         Column("offered", number=False),
-        *(Column(METRICS[name].title, detail=_SUMMARY[name]) for name in chosen),
+        *(
+            Column(info.title, detail=Detail.ROOMY if is_roomy(info) else Detail.ALWAYS)
+            for info in chosen
+        ),
     )
-    chosen = [name.replace("latency.", f"{family}.") for name in chosen]
     lines: list[Row] = []
     for row in rows:
-        lines.append(Row((Cell(row.offered), *(_metric_cell(row, name) for name in chosen))))
+        lines.append(Row((Cell(row.offered), *(_metric_cell(row, info) for info in chosen))))
         number_of = len(row.rate.iterations)
         if number_of > 1:
-            cells = (Cell(f"× {number_of}"), *(Cell(row.range_text(name)) for name in chosen))
+            cells = (Cell(f"× {number_of}"), *(Cell(row.range_text(info)) for info in chosen))
             lines.append(Row(cells, quiet=True))
     ranges = any(line.quiet for line in lines)
     aside = f"{family}; below each line, the range over the iterations" if ranges else family
     return Table(title, columns, tuple(lines), aside)
 
 
-def _metric_cell(row: Measured, name: str) -> Cell:
-    metric = METRICS[name]
-    return number(row.value(name), metric.unit, f"{row.path}/{metric.path}")
+def _metric_cell(row: Measured, info: MetricInfo) -> Cell:
+    return number(row.seen.value(info), info.unit, f"{row.path}/{info.place}")
 
 
-def _metric_table(title: str, names: Sequence[str], rows: Iterable[Measured]) -> Table:
+def _metric_table(title: str, metrics: Sequence[MetricInfo], rows: Iterable[Measured]) -> Table:
     """Return a table of metrics of a monitor, which only pages have room for."""
     columns = (
         Column("offered", number=False),
-        *(Column(METRICS[name].title) for name in names),
+        *(Column(info.title) for info in metrics),
     )
     lines = tuple(
         Row(
             (
                 Cell(f"{row.segment} {row.offered}".strip()),
-                *(_metric_cell(row, name) for name in names),
+                *(_metric_cell(row, info) for info in metrics),
             )
         )
         for row in rows

@@ -1,7 +1,7 @@
 """The values of monitors, and every value of a result in long format.
 
 A row of measurements has what a monitor received at a rate, over all iterations or in one of them;
-its columns are the metrics of the catalogue, `METRICS`, each with its unit and its place in
+its columns are the metrics that are declared, each with its unit and its place in
 ``result.json``. `result_rows` has one value a row, with the values that belong to no monitor.
 """
 
@@ -9,17 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
-from r2bspec.judge.measure.distribution import PARTS, part_title, part_value
-from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, observed_metric
+from r2bspec.judge.measure.distribution import PARTS, SHORT_PERCENTILES, part_value
+from r2bspec.judge.measure.metric import MetricInfo, Outputs, Section
+from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, monitor_metrics, observed_metric
 from r2bspec.judge.measure.metrics import (
     WORK_PARTS,
     MonitorMetrics,
     RateMetrics,
     RunMetrics,
     SegmentMetrics,
-    Spread,
 )
 from r2bspec.judge.measure.units import show_range, show_rate
 from r2bspec.judge.result import Result
@@ -27,52 +27,28 @@ from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.record.run_record import HarnessOverheadRecord
 
 
-@dataclass(frozen=True, slots=True)
-class Metric:
-    """A metric of a monitor.
-
-    Attributes:
-        name: in the catalogue.
-        unit: ``s``, ``Hz``, ``share`` or ``count``.
-        path: its place below the monitor in ``result.json``, such as ``latency/p99``.
-        title: the heading of its column.
-    """
-
-    name: str
-    unit: str
-    path: str
-    title: str
-
-    def value(self, seen: MonitorMetrics) -> float | None:
-        """Its value; None where there is none."""
-        family, _, part = self.path.partition("/")
-        value = getattr(seen, family)
-        if not part:
-            return value  # type: ignore[no-any-return]  # a count, a rate, a share, or nothing
-        return getattr(value, part) if value else None
+def summary_metrics(outputs: Outputs = "answers") -> list[MetricInfo]:
+    """Return the metrics in the table of a monitor, by the kind of its outputs."""
+    return [
+        info
+        for info in monitor_metrics()
+        if info.part in info.metric.columns and outputs in info.metric.column_of
+    ]
 
 
-def _metrics() -> Iterator[Metric]:
-    yield Metric("throughput.mean", "Hz", "throughput_hz", "throughput")
-    for family, prefix in (
-        ("latency", ""),
-        ("latency_from_due", "from due, "),
-        ("age", "age "),
-        ("interval", "interval "),
-        ("jitter", "jitter "),
-    ):
-        for part in PARTS:
-            yield Metric(f"{family}.{part}", "s", f"{family}/{part}", f"{prefix}{part_title(part)}")
-    yield Metric("drop_rate", "share", "drop_rate", "drop rate")
-    for count in (
-        *("sent", "answered", "received", "missed", "duplicates", "reordered", "unmatched"),
-        *("late", "early", "overdue", "surplus", "untimed"),
-    ):
-        yield Metric(count, "count", count, count)
+def is_roomy(info: MetricInfo) -> bool:
+    """Whether a metric is left out of tables where there is little room."""
+    return info.quantile is not None and info.part not in SHORT_PERCENTILES
 
 
-METRICS: Final = {metric.name: metric for metric in _metrics()}
-"""Every metric of a monitor that a result has, by its name, in the order of complete tables."""
+def section_metrics(section: Section) -> list[MetricInfo]:
+    """Return the metrics in a table of the HTML page."""
+    return [
+        info
+        for info in monitor_metrics()
+        if info.metric.section == section
+        and info.part in (info.metric.section_parts or info.metric.parts or ("",))
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,18 +74,10 @@ class Measured:
         """The offered rate as text."""
         return show_rate(self.rate.offered_hz, self.rate.pace)
 
-    def value(self, metric: str) -> float | None:
-        """The value of a metric of `METRICS`; None where there is none."""
-        return METRICS[metric].value(self.seen)
-
-    def spread(self, metric: str) -> Spread | None:
-        """The range of a metric over the iterations; None where it is not known."""
-        return self.rate.spread[self.monitor].get(metric)
-
-    def range_text(self, metric: str) -> str:
-        """The same as text; empty where it is not known."""
-        spread = self.spread(metric)
-        return show_range(spread.low, spread.high, METRICS[metric].unit) if spread else ""
+    def range_text(self, info: MetricInfo) -> str:
+        """Return the range of a metric over the iterations; empty where it is not known."""
+        spread = self.rate.spread[self.monitor].get(info.name)
+        return show_range(spread.low, spread.high, info.unit) if spread else ""
 
 
 def monitor_names(metrics: RunMetrics) -> list[str]:
@@ -188,8 +156,8 @@ def _groups(result: Result) -> Iterator[tuple[float | None, int | None, Iterable
 
 def _segment(segment: SegmentMetrics) -> Iterator[_Value]:
     for monitor, seen in segment.monitors.items():
-        for metric in METRICS.values():
-            yield monitor, metric.name, metric.unit, metric.value(seen)
+        for metric in monitor_metrics():
+            yield monitor, metric.name, metric.unit, seen.value(metric)
     yield "", "playback.rate", "Hz", segment.playback.rate_hz
     for part in PARTS:
         yield "", f"playback.lateness.{part}", "s", part_value(segment.playback.lateness, part)

@@ -261,7 +261,7 @@ def test_an_impossible_objective_exits_1_and_names_requirement_value_and_bound(
     requirement = done.requirement("latency.max")
     assert requirement["outcome"] == "fail"
     measured = done.result()["metrics"]["rates"][0]["pooled"]["monitors"]["out"]
-    assert requirement["estimate"] == measured["latency"]["max"]
+    assert requirement["estimate"] == measured["values"]["latency"]["max"]
     assert "latency.max < 2 ms" in done.stdout
     assert f"{1e3 * requirement['estimate']:.3g} ms" in done.stdout
 

@@ -116,7 +116,7 @@ def test_a_start_is_complete_before_its_first_iteration(done: Finished) -> None:
         assert done.events().count(f"phase {name}") == 1
     # All steps of all starts were answered, and none by an earlier start.
     (rate,) = done.result()["metrics"]["rates"]
-    answered = [each["monitors"]["out"]["answered"] for each in rate["iterations"]]
+    answered = [each["monitors"]["out"]["values"]["answered"] for each in rate["iterations"]]
     assert answered == [5] * ITERATIONS
 
 

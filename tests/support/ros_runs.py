@@ -177,8 +177,9 @@ class Finished:
         return rate["pooled"]
 
     def monitor(self, name: str = "out") -> Any:
-        """The metrics of a monitor at the only rate."""
-        return self.pooled()["monitors"][name]
+        """The metrics of a monitor at the only rate, and what else is known of it."""
+        seen = self.pooled()["monitors"][name]
+        return {**seen, **seen["values"]}
 
     def requirement(self, text: str) -> Any:
         """The verdict of the only requirement that begins with a text."""

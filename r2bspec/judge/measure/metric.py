@@ -32,8 +32,10 @@ own source."""
 
 OUTPUTS: Final[tuple[Outputs, ...]] = ("answers", "own pace", "live")
 
-Section = Literal["", "latency", "throughput"]
+Section = Literal["", "latency", "messages"]
 """A table of the HTML page."""
+
+SECTIONS: Final[tuple[Section, ...]] = ("latency", "messages")
 
 PROCESS: Final = "<process>"
 NODE: Final = "<node>"
@@ -128,8 +130,8 @@ class Metric(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         title: heads its columns, before the part; the name, if empty.
         columns: the parts in the table of a monitor, in reports of every kind; the empty part
             stands for a metric that is one value.
-        wide_columns: the parts for which only a wide terminal has room.
         column_of: the outputs in whose table it is.
+        reported_of: the outputs of which results have it.
         section: the table of the HTML page that has it.
         section_parts: the parts that it has there; all, if empty.
         compared: the parts in which `compare` compares two results.
@@ -166,8 +168,8 @@ class Metric(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     required: bool = True
     title: str = ""
     columns: tuple[str, ...] = ()
-    wide_columns: tuple[str, ...] = ()
     column_of: tuple[Outputs, ...] = OUTPUTS
+    reported_of: tuple[Outputs, ...] = OUTPUTS
     section: Section = ""
     section_parts: tuple[str, ...] = ()
     compared: tuple[str, ...] = ()
@@ -283,6 +285,12 @@ class MetricInfo(msgspec.Struct, frozen=True):
             return f"{what}: {q * 100:g} % of the values are at or below"
         word = {"min": "smallest", "mean": "mean", "max": "largest"}.get(self.part, "")
         return f"{word} {what}" if word and self.part not in self.metric.whats else what
+
+    @property
+    def place(self) -> str:
+        """Its place below a monitor in ``result.json``, such as ``values/latency/p99``."""
+        has_distribution = self.metric.has_percentiles
+        return f"values/{self.series}/{self.part}" if has_distribution else f"values/{self.name}"
 
     @property
     def title(self) -> str:

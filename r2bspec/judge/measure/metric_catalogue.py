@@ -13,7 +13,7 @@ metrics are declared in `r2bspec.judge.measure.metric_declarations`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from typing import Final
 
 import msgspec
@@ -182,6 +182,13 @@ def names(subjects: Subjects = NO_SUBJECTS) -> tuple[str, ...]:
         else:
             written_out.append(name)
     return tuple(dict.fromkeys(written_out))
+
+
+def monitor_metrics() -> Iterator[MetricInfo]:
+    """Yield every metric of a monitor that results have, in the order of complete tables."""
+    for metric in DECLARED:
+        if metric.scope is Scope.MONITOR:
+            yield from metric.infos
 
 
 def series_with(has: Callable[[Metric], bool]) -> tuple[str, ...]:

@@ -52,7 +52,7 @@ _ONE: Final = ("",)
     empty_window=lambda _: 0.0,
     title="throughput",
     columns=("mean",),
-    section="throughput",
+    section="messages",
     compared=("mean",),
     range_of=("mean",),
 )
@@ -137,6 +137,7 @@ def latency_from_due(seen: MonitorSamples) -> Seconds:
     title="age",
     columns=_MAIN,
     column_of=("own pace",),
+    reported_of=("own pace", "live"),
     range_of=_MAIN,
 )
 def age(seen: MonitorSamples) -> Seconds:
@@ -184,7 +185,6 @@ def interval(seen: MonitorSamples) -> Seconds:
     level="the interval between outputs",
     zero_is_ordinary=True,
     title="jitter",
-    wide_columns=(TAIL_PERCENTILE,),
     section="latency",
     section_parts=(TAIL_PERCENTILE,),
     range_of=(TAIL_PERCENTILE,),
@@ -214,7 +214,7 @@ def steps_played(played: PlaybackSamples) -> int:
     required=False,
     columns=_ONE,
     column_of=("answers",),
-    section="throughput",
+    section="messages",
 )
 def sent(seen: MonitorSamples) -> int:
     """Steps that the player has published and that count for the monitor.
@@ -230,7 +230,7 @@ def sent(seen: MonitorSamples) -> int:
     "count",
     "expected outputs received",
     required=False,
-    section="throughput",
+    section="messages",
 )
 def answered(seen: MonitorSamples) -> int:
     """Expected outputs that were received.
@@ -268,7 +268,7 @@ def received(seen: MonitorSamples) -> int:
     counts_faults=True,
     columns=_ONE,
     column_of=("answers",),
-    section="throughput",
+    section="messages",
 )
 def missed(seen: MonitorSamples) -> int:
     """Expected outputs that were not received until the drain time was over.
@@ -286,7 +286,7 @@ def missed(seen: MonitorSamples) -> int:
     statistic="share",
     counts_losses=True,
     title="drop rate",
-    section="throughput",
+    section="messages",
     compared=_ONE,
     range_of=_ONE,
 )
@@ -304,7 +304,7 @@ def drop_rate(seen: MonitorSamples) -> float | None:
     "count",
     "outputs after the end of the segment",
     required=False,
-    section="throughput",
+    section="messages",
 )
 def late(seen: MonitorSamples) -> int:
     """Outputs that arrived after the period of the last step had ended.
@@ -321,7 +321,7 @@ def late(seen: MonitorSamples) -> int:
     "repeated outputs of a step",
     counts_faults=True,
     needs_stamp_matching=True,
-    section="throughput",
+    section="messages",
 )
 def duplicates(seen: MonitorSamples) -> int:
     """Outputs of a step that already has one.
@@ -338,7 +338,7 @@ def duplicates(seen: MonitorSamples) -> int:
     "outputs after that of a later step",
     counts_faults=True,
     needs_stamp_matching=True,
-    section="throughput",
+    section="messages",
 )
 def reordered(seen: MonitorSamples) -> int:
     """First outputs of a step that arrived after the output of a later step (RFC 4737).
@@ -354,7 +354,7 @@ def reordered(seen: MonitorSamples) -> int:
     "count",
     "messages that match no step",
     counts_faults=True,
-    section="throughput",
+    section="messages",
 )
 def unmatched(seen: MonitorSamples) -> int:
     """Messages that match no step: by their stamp, or more than expected by order.
@@ -370,7 +370,7 @@ def unmatched(seen: MonitorSamples) -> int:
     "count",
     "unmatched outputs of an earlier segment",
     required=False,
-    section="throughput",
+    section="messages",
 )
 def overdue(seen: MonitorSamples) -> int:
     """Of the unmatched, outputs of steps of an earlier segment, which had ended.

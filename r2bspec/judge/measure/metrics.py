@@ -9,21 +9,16 @@ added, messages pooled, rates averaged.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import msgspec
 import numpy as np
 
-from r2bspec.judge.measure.distribution import (
-    MAIN_PERCENTILES,
-    PERCENTILES,
-    TAIL_PERCENTILE,
-    Distribution,
-    part_value,
-    quantile,
-)
+from r2bspec.judge.measure.distribution import PERCENTILES, Distribution, part_value, quantile
 from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
-from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH
+from r2bspec.judge.measure.metric import MetricInfo, Scope
+from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, monitor_metrics
+from r2bspec.judge.measure.metric_declarations import DECLARED
 from r2bspec.judge.measure.sample_table import MonitorSamples
 from r2bspec.judge.measure.samples import HopSamples, RunSamples, SegmentSamples, pool_segments
 from r2bspec.judge.measure.times import Seconds, rank
@@ -45,57 +40,68 @@ class HopMetrics(msgspec.Struct, frozen=True, kw_only=True):
     latency: Distribution
 
 
-class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """What one monitor received. None where it depends on what was sent, and no output is expected.
+MetricValue = Distribution | int | float | None
+"""The distribution of the values of single messages, or one value; None is unknown."""
 
-    `sent` counts steps. Each has one expected output, unless the monitor's ratio is another:
-    ``expected = answered + missed``, and ``drop_rate = missed / expected``. Messages are counted
-    by ``received = answered + duplicates + unmatched``.
+
+class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
+    """What one monitor received: every metric of a monitor that is declared.
 
     Attributes:
-        reordered: outputs that arrived after that of a later step.
-        late: outputs that arrived after the last step's period had ended.
-        early: outputs that arrived before their step was published: matching by order has
-            gone wrong.
-        overdue: of the unmatched, outputs of steps of an earlier segment, which had ended.
-        surplus: matched by order, outputs beyond the expected ones; of the unmatched.
-        untimed: messages of which the middleware gave no time of reception: that of taking is used.
-        age: of the newest input in each output; only where no output is expected.
+        values: by the name of the metric, without a part where it has a distribution.
         own_period_s: the period at which outputs come whether inputs do or not, in seconds; None
             where they follow the inputs (`r2bspec.judge.measure.own_pace`).
         unknown_latency: why there is no latency though there are answers; empty if there is one.
         hops: the path of the messages, where it is tapped.
     """
 
-    sent: int | None
-    answered: int | None
-    missed: int | None
-    drop_rate: float | None
-    received: int
-    duplicates: int | None
-    reordered: int | None
-    unmatched: int | None
-    throughput_hz: float
-    latency: Distribution
-    latency_from_due: Distribution
-    interval: Distribution
-    jitter: Distribution
-    late: int | None = 0
-    early: int | None = 0
-    overdue: int | None = 0
-    surplus: int | None = 0
-    untimed: int = 0
+    values: dict[str, MetricValue]
     unknown_latency: str = ""
     hops: tuple[HopMetrics, ...] = ()
-    age: Distribution | None = None
     own_period_s: float | None = None
 
+    def value(self, info: MetricInfo) -> float | None:
+        """Return the value of a metric in one of its listed parts."""
+        found = self.values.get(info.name, self.values.get(info.series))
+        return part_value(found, info.part) if isinstance(found, Distribution) else found
+
+    def count(self, name: str) -> int:
+        """Return a count; 0 if it is unknown."""
+        return int(self._number(name) or 0)
+
+    def _number(self, name: str) -> float | None:
+        found = self.values.get(name)
+        return None if isinstance(found, Distribution) else found
+
     @property
-    def expected(self) -> int | None:
-        """The number of expected outputs."""
-        if self.answered is None or self.missed is None:
-            return None
-        return self.answered + self.missed
+    def is_expected(self) -> bool:
+        """Whether outputs were expected, so that it is known how many were sent and missed."""
+        return self._number("sent") is not None
+
+    @property
+    def expected(self) -> int:
+        """The number of expected outputs; 0 if none was expected."""
+        return self.count("answered") + self.count("missed")
+
+    @property
+    def throughput_hz(self) -> float:
+        """The throughput."""
+        return self._number("throughput.mean") or 0.0
+
+    @property
+    def drop_rate(self) -> float | None:
+        """The share of the expected outputs that missed."""
+        return self._number("drop_rate")
+
+    def times(self, name: str) -> Distribution:
+        """Return the distribution of the values of single messages."""
+        found = self.values.get(name)
+        return found if isinstance(found, Distribution) else _NOTHING
+
+    @property
+    def latency(self) -> Distribution:
+        """The latencies of the outputs that arrived."""
+        return self.times("latency")
 
 
 class PlaybackMetrics(msgspec.Struct, frozen=True, kw_only=True):
@@ -287,59 +293,35 @@ def _measure_rate(
     )
 
 
-_RANGES: Final = {
-    "latency": ("mean", *MAIN_PERCENTILES, "max"),
-    "jitter": (TAIL_PERCENTILE,),
-    "age": (*MAIN_PERCENTILES, "max"),
-}
-"""The parts of times of which a result has the range over the iterations."""
-
-
 def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spread]:
     """The range over the iterations of the main metrics."""
-    seen = [iteration.monitors[monitor] for iteration in iterations]
-    columns: dict[str, list[float | None]] = {
-        "throughput.mean": [sample.throughput_hz for sample in seen],
-        **{
-            f"{family}.{part}": [
-                part_value(times, part) for sample in seen if (times := getattr(sample, family))
-            ]
-            for family, parts in _RANGES.items()
-            for part in parts
-        },
-        "drop_rate": [sample.drop_rate for sample in seen],
-    }
-    known = {
-        name: [value for value in values if value is not None] for name, values in columns.items()
-    }
-    return {
-        name: Spread(low=min(values), high=max(values)) for name, values in known.items() if values
-    }
+    found: dict[str, Spread] = {}
+    for info in monitor_metrics():
+        values = [iteration.monitors[monitor].value(info) for iteration in iterations]
+        known = [value for value in values if value is not None]
+        if info.part in info.metric.range_of and known:
+            found[info.name] = Spread(low=min(known), high=max(known))
+    return found
 
 
 def _monitor(seen: MonitorSamples, hops: Sequence[HopSamples]) -> MonitorMetrics:
-    families = ("latency", "latency_from_due", "interval", "jitter")
-    fields: dict[str, Any] = {family: distribution(getattr(seen, family)) for family in families}
-    for name in _SENT_COUNTS:
-        fields[name] = None if seen.own_pace else getattr(seen, name)
+    values: dict[str, MetricValue] = {}
+    for metric in DECLARED:
+        if metric.scope is not Scope.MONITOR or not seen.reports(metric):
+            continue
+        if metric.has_percentiles:
+            times = metric.read(seen) if seen.knows(metric) else _NO_TIMES
+            values[metric.name] = distribution(times)
+        else:
+            read = metric.read(seen) if seen.knows(metric) else None
+            for info in metric.infos:
+                values[info.name] = read[info.part] if isinstance(read, dict) else read
     return MonitorMetrics(
-        drop_rate=seen.missed / seen.expected if seen.expected and not seen.own_pace else None,
-        received=seen.received,
-        throughput_hz=seen.throughput_hz,
-        age=distribution(seen.age) if seen.own_pace else None,
+        values=values,
         own_period_s=seen.own_period_s,
-        untimed=seen.untimed,
         unknown_latency=seen.unknown_latency,
         hops=tuple(map(_hop, hops)),
-        **fields,
     )
-
-
-_SENT_COUNTS: Final = (
-    *("sent", "answered", "missed", "duplicates", "reordered", "unmatched"),
-    *("late", "early", "overdue", "surplus"),
-)
-"""Counts that depend on what was sent."""
 
 
 def _hop(hop: HopSamples) -> HopMetrics:
@@ -373,6 +355,7 @@ def _work(steps: Seconds) -> WorkMetrics:
     return WorkMetrics(n=int(steps.size), mean=float(steps.mean()), **percentiles)
 
 
+_NO_TIMES: Final = np.empty(0)
 _NOTHING: Final = Distribution(n=0, min=None, mean=None, max=None, **dict.fromkeys(PERCENTILES))
 
 

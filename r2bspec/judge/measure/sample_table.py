@@ -27,7 +27,7 @@ from r2bspec.judge.measure.matching import (
     count_reordered,
     source_times_ns,
 )
-from r2bspec.judge.measure.metric import Metric
+from r2bspec.judge.measure.metric import Metric, Outputs
 from r2bspec.judge.measure.own_pace import MIN_UNASKED, PaceEvidence, own_period_s
 from r2bspec.judge.measure.times import (
     Seconds,
@@ -377,6 +377,13 @@ class MonitorSamples:
         if self.own_pace and not metric.live:
             return False
         return not (metric.of_pairs and self.unknown_latency)
+
+    def reports(self, metric: Metric) -> bool:
+        """Whether results have a metric of outputs of this kind."""
+        kind: Outputs = "answers"
+        if self.own_pace:
+            kind = "live" if self.spans[0].segment.live else "own pace"
+        return kind in metric.reported_of
 
     @property
     def own_period_s(self) -> float | None:

@@ -199,10 +199,14 @@ def test_an_unknown_latency_is_in_no_report(tmp_path: Path) -> None:
     (rate,) = summarise(read_samples(run)).rates
     first, second = (iteration.monitors["detections"] for iteration in rate.iterations)
     assert first.latency.p50 == pytest.approx(0.015)
-    assert (second.latency.n, second.latency.p50, second.latency_from_due.max) == (0, None, None)
+    assert (second.latency.n, second.latency.p50, second.times("latency_from_due").max) == (
+        0,
+        None,
+        None,
+    )
     assert second.unknown_latency
     assert rate.pooled.monitors["detections"].latency.n == 0
-    assert rate.pooled.monitors["detections"].interval.n > 0
+    assert rate.pooled.monitors["detections"].times("interval").n > 0
     result = result_of(run)
     told = " ".join(note.text for note in all_notes(result))
     assert "the latency is unknown: outputs are matched by order, and 1 of 600" in told

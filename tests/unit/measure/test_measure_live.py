@@ -82,7 +82,7 @@ def test_latency_counts_from_the_stamp_of_the_source(tmp_path: Path) -> None:
     (rate,) = summarise(read_samples(live_run(tmp_path / "run", rows))).rates
     seen = rate.pooled.monitors["detections"]
     assert rate.pace == "source"
-    assert seen.latency.n == seen.received == 10
+    assert seen.latency.n == seen.count("received") == 10
     assert seen.latency.min == pytest.approx(0.001)
     assert seen.latency.max == pytest.approx(0.010)
     assert seen.throughput_hz == pytest.approx(10.0)

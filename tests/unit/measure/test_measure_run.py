@@ -32,10 +32,17 @@ def test_each_iteration_is_kept_and_the_pool_adds_them_up() -> None:
     assert metrics.incomplete == ("iteration-005",)
     ten = metrics.rates[0]
     assert len(ten.iterations) == 2
-    assert [iteration.monitors["detections"].missed for iteration in ten.iterations] == [0, 1]
+    assert [iteration.monitors["detections"].count("missed") for iteration in ten.iterations] == [
+        0,
+        1,
+    ]
     pooled = ten.pooled.monitors["detections"]
-    assert (pooled.sent, pooled.answered, pooled.missed) == (40, 39, 1)
-    assert (pooled.received, pooled.duplicates, pooled.unmatched) == (42, 1, 2)
+    assert (pooled.count("sent"), pooled.count("answered"), pooled.count("missed")) == (40, 39, 1)
+    assert (pooled.count("received"), pooled.count("duplicates"), pooled.count("unmatched")) == (
+        42,
+        1,
+        2,
+    )
     assert pooled.drop_rate == 1 / 40
     assert pooled.latency.p50 == pytest.approx(0.01)
     assert pooled.latency.max == pytest.approx(0.03)
@@ -59,7 +66,12 @@ def test_metrics_survive_json() -> None:
 def test_a_silent_monitor_has_counts_and_no_times() -> None:
     samples = Simulation(segments=[Played(10, [NAN] * 5)]).samples()
     seen = summarise(samples).rates[0].pooled.monitors["detections"]
-    assert (seen.sent, seen.received, seen.missed, seen.drop_rate) == (5, 0, 5, 1)
+    assert (seen.count("sent"), seen.count("received"), seen.count("missed"), seen.drop_rate) == (
+        5,
+        0,
+        5,
+        1,
+    )
     assert (seen.latency.n, seen.latency.p50, seen.throughput_hz) == (0, None, 0)
 
 
@@ -67,7 +79,7 @@ def test_an_interval_still_open_at_the_end_counts() -> None:
     died = Played(10, [0.01] * 10 + [NAN] * 40)
     samples = Simulation(segments=[died]).samples()
     seen = summarise(samples).rates[0].pooled.monitors["detections"]
-    assert seen.interval.max == pytest.approx(4.09)
+    assert seen.times("interval").max == pytest.approx(4.09)
     assert seen.throughput_hz == pytest.approx(2.0)
 
 

@@ -107,7 +107,9 @@ def result(usual_run: Run) -> Result:
         result_of(with_starts(usual_run, *STARTS)),
         lambda monitors: {
             name: msgspec.structs.replace(
-                seen, hops=(HOP,), late=3, overdue=2, unmatched=5, early=1
+                seen,
+                hops=(HOP,),
+                values=seen.values | {"late": 3, "overdue": 2, "unmatched": 5, "early": 1},
             )
             for name, seen in monitors.items()
         },
