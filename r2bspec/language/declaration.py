@@ -242,14 +242,6 @@ class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
         """Whether the value is a text as it is."""
         return self.kinds == ("string",) and self.quantity is None
 
-    def allows_text(self, text: str) -> bool:
-        """Whether a text has the required form; quantities are parsed elsewhere."""
-        if self.words:
-            return text in self.words
-        if self.pattern is not None:
-            return self.pattern.matches(text)
-        return bool(text) or not self.about.not_empty
-
     def below(self, step: str | int) -> "ValueRule | None":
         """The rule of an entry or an item; None if there is none."""
         if isinstance(step, int):
