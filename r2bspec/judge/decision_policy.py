@@ -6,10 +6,9 @@ Interim looks
 A growing run is judged at planned looks, among which the error is divided
 (`r2bspec.plan.interim_looks`).
 
-A requirement is decided at the first look that decides it; a PASS before the declared starts, only
-if it has room for what they may meet (`r2bspec.judge.early_pass`). A later look, which another
-requirement needed, may still turn its PASS into a FAIL, but nothing else: both errors stay
-within the sum.
+A requirement is decided at the first look that decides it; before the declared starts, only with
+room for what they may meet (`r2bspec.judge.unmet`). A later look, which another requirement needed,
+may still turn its PASS into a FAIL, but nothing else: both errors stay within the sum.
 """
 
 from __future__ import annotations
@@ -42,16 +41,16 @@ def decide_after_look(
 
     A requirement that fails stops the run: a second session in new processes confirms the failure
     or does not (`r2bspec.judge.confirmation`); no more iterations of this session are played. One
-    that passes stops it before the declared iterations only if a test has decided it, with room for
-    what was not met (`r2bspec.judge.early_pass`): an observation is the more certain the more was
-    observed. What needs no iterations waits for none.
+    that passes stops it before the declared iterations only if a test has decided it: an
+    observation is the more certain the more was observed. Before these, a decision needs room for
+    what was not met (`r2bspec.judge.unmet`). What needs no iterations waits for none.
 
     Args:
         looks: the plan.
         look: the look that was taken, from 1.
         requirements: the verdicts after it, those that count for the run.
     """
-    if any(requirement.outcome == "fail" for requirement in requirements):
+    if any(one.outcome == "fail" and not one.early for one in requirements):
         return "fail"
     if looks.iterations[look - 1] < looks.declared:
         waiting = [
@@ -106,7 +105,7 @@ def combine_looks(looks: InterimLooks, judged: Sequence[RequirementVerdict]) -> 
         if requirement.method in _GROWING and not requirement.early
     )
     first = next((one for one in decided if one.outcome != "inconclusive"), last)
-    chosen = last if last.outcome == "fail" else first
+    chosen = last if last.outcome == "fail" and not last.early else first
     if looks.by_turns and chosen.outcome == "fail":
         # The starts after a failure confirm it in the same list: it stands if they do not mend it.
         return last

@@ -51,13 +51,13 @@ from r2bspec.judge.baseline_comparison import judge_baseline_requirements, run_v
 from r2bspec.judge.baseline_ratio import BaselineCase, judge_by_turns, judge_pairs
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks, without_own_confidence
-from r2bspec.judge.early_pass import early_doubt_of_pairs
 from r2bspec.judge.measure.host_usage import taken_share
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.pipeline import first_iterations, judge
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.judge.turn_comparison import can_be_played_by_turns, turn_values
+from r2bspec.judge.unmet import FAIL_FROM_STARTS, early_doubt_of_pairs
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import EXIT_CODES, Outcome, RequirementVerdict, Verdict, outcome_of
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
@@ -353,7 +353,8 @@ def _examine_pairs(
     }
     if not decided & {"pass", "fail"}:
         return verdict.requirements
-    calm = _judge(objectives, unaffected, policy).requirements
+    # That they are fewer ends no comparison.
+    calm = _judge(objectives, unaffected, replace(policy, looks=None)).requirements
     requirements = []
     for place, requirement in enumerate(verdict.requirements):
         if _is_on_pairs(requirement) and requirement.outcome != "inconclusive":
@@ -433,13 +434,14 @@ def _judge_by_pairs(
         for side in (pairs.base, pairs.head)
     )
     verdict = judge_pairs(case, base, head)
-    if not early or verdict.outcome != "pass":
+    if not early or verdict.outcome == "inconclusive":
         return verdict
     merged = replace(case, iterations=pairs.merged.iterations_at(case.at_hz))
     messages = 0
     if case.monitor is not None and case.info.metric.has_percentiles:
         messages = sum(values.size for values in merged.message_values)
-    return verdict.held_back(early_doubt_of_pairs(case, verdict, messages))
+    doubt = early_doubt_of_pairs(case, verdict, messages)
+    return verdict.held_back(doubt, opens=verdict.n < FAIL_FROM_STARTS)
 
 
 def _by_turns(pairs: InterleavedRuns, at_hz: float | None) -> bool:

@@ -35,7 +35,6 @@ from r2bspec.judge.affected_iterations import (
     unaffected_or_rerun,
 )
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks
-from r2bspec.judge.early_pass import early_doubt
 from r2bspec.judge.measure.metric import MetricInfo, Scope, Statistic
 from r2bspec.judge.measure.metric_catalogue import MetricError, resolve, unknown_metric
 from r2bspec.judge.measure.own_pace import own_pace_text, own_period_s
@@ -55,6 +54,7 @@ from r2bspec.judge.requirement_case import (
     undecided,
 )
 from r2bspec.judge.steady_state import find_unsteady_part, iteration_levels
+from r2bspec.judge.unmet import FAIL_FROM_STARTS, early_doubt, untested
 from r2bspec.judge.validity import PlaybackValidity
 from r2bspec.judge.verdict import (
     EXIT_CODES,
@@ -193,7 +193,7 @@ class JudgedRequirement:
     problem: str = ""
 
     def decided_by(self, samples: RunSamples) -> RequirementVerdict:
-        """The decision on some samples, after all looks that they allow."""
+        """The decision on the samples of the run, after all looks that they allow."""
         looks, policy = self.run.policy.looks, self.run.policy
         own = self.objective.confidence
         confidence = own.fraction if own is not None else policy.confidence
@@ -210,6 +210,12 @@ class JudgedRequirement:
             )
         ]
         return combine_looks(looks, decisions)
+
+    def decided_by_part(self, samples: RunSamples) -> RequirementVerdict:
+        """The decision on a part of the samples, at once: that it is smaller ends no run."""
+        own = self.objective.confidence
+        policy = self.run.policy
+        return self._decided_once(samples, own.fraction if own is not None else policy.confidence)
 
     def rests_on_more_than(self, rest: RequirementVerdict, whole: RequirementVerdict) -> bool:
         """Whether a part of the samples decides otherwise, and not for lack of messages alone."""
@@ -236,9 +242,9 @@ class JudgedRequirement:
             decision = decide_case(case, samples)
         verdict = requirement_verdict(case, decision)
         verdict = msgspec.structs.replace(verdict, level=self.objective.level)
-        if early and decision.outcome == "pass" and METHODS[decision.method].grows:
-            doubt = early_doubt(case, verdict)
-            verdict = verdict.held_back(doubt)
+        if early and decision.outcome != "inconclusive" and METHODS[decision.method].grows:
+            too_few = len(set(case.starts)) < FAIL_FROM_STARTS
+            verdict = verdict.held_back(early_doubt(case, verdict), opens=too_few)
         if self.problem:
             return verdict
         if _losses_may_hide(case):
@@ -473,14 +479,14 @@ def downgrade_affected_fail(
     if played.outcome == "inconclusive":
         grows = METHODS[played.method].grows
         return msgspec.structs.replace(played, remedy=REMEDY) if grows else played
-    unaffected = judged.decided_by(run.unaffected_samples)
+    unaffected = judged.decided_by_part(run.unaffected_samples)
     if played.method == "none" and played == unaffected:
         return played
     if unaffected.outcome == "fail":
         return played.noted(f"{text}. The unaffected part fails, too.")
     # What the whole machine uses is the use of others, too.
     of_machine = judged.asked.info.scope is Scope.MACHINE
-    if not of_machine and judged.decided_by(run.best_case_samples).outcome == "fail":
+    if not of_machine and judged.decided_by_part(run.best_case_samples).outcome == "fail":
         return played.noted(
             f"{text}. The faster half of the messages, sped up by that, fails, too."
         )
@@ -508,7 +514,7 @@ def check_steadiness(judged: JudgedRequirement, verdict: RequirementVerdict) -> 
     found, advice = part.text(info), part.advice(samples, iterations)
     if verdict.outcome == "inconclusive":
         return verdict.noted(f"{found} {advice}")
-    rest = judged.decided_by(part.left_out_of(samples, at_hz))
+    rest = judged.decided_by_part(part.left_out_of(samples, at_hz))
     if not judged.rests_on_more_than(rest, verdict):
         return verdict.noted(f"{found} {advice}")
     would = {"pass": "be met", "fail": "fail", "inconclusive": "not be decided"}[rest.outcome]
@@ -530,7 +536,10 @@ def _after_all_steps(judged: JudgedRequirement) -> RequirementVerdict:
     verdict = judged.decided_by(judged.run.samples)
     for step in STEPS:
         verdict = step(judged, verdict)
-    return verdict
+    if verdict.outcome == "inconclusive" or not METHODS[verdict.method].grows:
+        return verdict
+    case = judged.case(judged.run.samples, verdict.confidence)
+    return msgspec.structs.replace(verdict, untested=untested(case, verdict))
 
 
 # The run.

@@ -13,7 +13,7 @@ from r2bspec.judge.measure.samples import SegmentSamples, starts_of
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
-from r2bspec.judge.statistics.design_effect import SampleDesign
+from r2bspec.judge.statistics.t_interval import scatter_level
 from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement
@@ -81,20 +81,20 @@ class RequirementCase:
         """Whether the requirement is ``==`` or ``!=``, which only an observation can decide."""
         return self.requirement.op in {"==", "!="}
 
-    def design(self, allowed: float | None = None) -> SampleDesign:
-        """How the iterations came about, for a test of a share.
+    @property
+    def starts(self) -> tuple[int, ...]:
+        """The start of each iteration."""
+        return starts_of(self.iterations)
 
-        Args:
-            allowed: the share that is tested.
-        """
-        return SampleDesign(
-            starts=starts_of(self.iterations), allowed=allowed, confidence=self.confidence
-        )
+    @property
+    def level(self) -> float:
+        """The confidence of quantiles of t, for what differs between starts and iterations."""
+        return scatter_level(self.confidence)
 
     @property
     def pieces(self) -> tuple[int, str]:
         """How many starts there are, or iterations of a single start, and what they are."""
-        starts = len(set(starts_of(self.iterations)))
+        starts = len(set(self.starts))
         return (starts, "starts") if starts > 1 else (len(self.iterations), "iterations")
 
     @property

@@ -115,8 +115,10 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
             confirmation that succeeded or failed, host interference.
         compared: base and head, where the requirement is on their ratio.
         weakened: whether it was decided, and is inconclusive only because of host interference.
-        early: whether it passed before the declared starts or pairs, without room for what they may
-            meet.
+        early: whether it was decided before the declared starts or pairs, without room for what
+            they may meet.
+        untested: what would change the decision and cannot be seen in the run, in a sentence;
+            empty if nothing of the kind would.
         left_open: whether it is open on a busy machine where the work at its rate is decided, and
             does not keep the run from passing.
     """
@@ -149,6 +151,7 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
     compared: BaselineEstimate | None = None
     weakened: bool = False
     early: bool = False
+    untested: str = ""
     left_open: bool = False
 
     @property
@@ -169,9 +172,20 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
         """The same with further notes."""
         return msgspec.structs.replace(self, notes=(*self.notes, *notes)) if notes else self
 
-    def held_back(self, doubt: str) -> RequirementVerdict:
-        """Without room for what was not met, for this reason; the same if it is empty."""
-        return msgspec.structs.replace(self.noted(doubt), early=True) if doubt else self
+    def held_back(self, doubt: str, *, opens: bool = False) -> RequirementVerdict:
+        """Decided without room for what was not met, for this reason; the same if it is empty.
+
+        Args:
+            doubt: a sentence, or empty.
+            opens: whether a FAIL becomes inconclusive.
+        """
+        if not doubt:
+            return self
+        noted = msgspec.structs.replace(self.noted(doubt), early=True)
+        if not opens or self.outcome != "fail":
+            return noted
+        remedy = "Play the declared starts: raise 'gate.time_budget', or leave it out."
+        return msgspec.structs.replace(noted, outcome="inconclusive", remedy=remedy)
 
     def opened(self, note: str, remedy: str) -> RequirementVerdict:
         """Undecided because of host interference."""

@@ -1,25 +1,27 @@
 """Which iterations each start of a run plays, and when the run is judged while it grows.
 
-A run is judged after each start from the fifth on, and ends as soon as everything is decided:
-starts differ by more than what is measured within them, so they are the unit that counts. Fewer
-have too often not met both speeds of a graph that has two: of half of the starts 10 % slower, a
-mean fails wrongly in 12 % of runs that may end after three. A run of one start is judged at its
-end; if it may be extended (`max_iterations`), after 1, 2 and 4 times the declared iterations, too.
+A run is judged after each start from the third on, and ends as soon as everything is decided:
+starts differ by more than what is measured within them, so they are the unit that counts. Before
+the declared starts a verdict ends a run only with room for what it may not have met
+(`r2bspec.judge.unmet`), and so do pairs. Fewer than five starts have too often not met both speeds
+of a graph that has two: of half of the starts 10 % slower, a mean would fail wrongly in 12 % of
+runs that may end after three without room. A run of one start is judged at its end; if it may be
+extended (`max_iterations`), after 1, 2 and 4 times the declared iterations, too.
 
 A run that is judged again and again until it passes is bound to pass in the end: three unplanned
-looks at the 95 % level pass one bad graph in ten. So the looks are planned before the run, and
-share the error alpha = 1 - confidence. Most of it is left for the last of L looks, so that a long
-run decides nearly what it would if it were judged once:
+looks at the 95 % level pass one bad graph in ten. Room costs more than a look could gain, so that
+looks before the declared starts have the whole error alpha = 1 - confidence. Those that extend a
+run share it with the look at the declared starts. Most of it is left for the last of L looks, so
+that a long run decides nearly what it would if it were judged once:
 
                               the last        each of the others
-    after a start, or a pair  0.7 alpha       alpha L^(-1.1)
+    after a start             0.7 alpha       alpha L^(-1.1)
     in a run of one start     alpha / 2       alpha / (2 (L - 1))
 
-The first is calibrated: for Student's t on normal values, looks from the fifth start on with these
-levels are wrong in 5.0 % at most, each way, for any number of them up to 20
-(`tests/simulation/test_simulation_looks.py`); so are the constant levels of Pocock (1977) for a
-known deviation. The second needs no assumption about the test: by Boole's inequality the chance
-that any look is wrong is at most the sum, alpha.
+The first is calibrated: for Student's t on normal values, all looks together are wrong in 5.0 % at
+most, each way (`tests/simulation/test_simulation_looks.py`); so are the constant levels of Pocock
+(1977) for a known deviation. The second needs no assumption about the test: by Boole's inequality
+the chance that any look is wrong is at most the sum, alpha.
 """
 
 from __future__ import annotations
@@ -39,8 +41,10 @@ _SHARE_BY_TURNS: Final = 0.3
 """Of the error, for each look at starts of both sides. Pairs share most of their values from look
 to look, so that the sum is not used up (`tests/simulation/test_simulation_turns.py`)."""
 
-FIRST_LOOK: Final = 5
+FIRST_LOOK: Final = 3
 """After so many starts; fewer are judged only at the end of a run that has no more."""
+
+FIRST_LOOK_BY_TURNS: Final = 5
 
 MAX_LOOKS: Final = 20
 """With more, each would have too little of the error to decide anything."""
@@ -107,6 +111,7 @@ class InterimLooks:
             parts = iterations_of_starts(iterations, starts, most)
             parts = parts[FIRST_LOOK - 1 :]
             ends = {part[-1] for part in parts[:: max(1, -(-len(parts) // (MAX_LOOKS - 1)))]}
+            ends |= {iterations}
         return cls(tuple(sorted(ends | {most})), declared=iterations, after_starts=starts > 1)
 
     @classmethod
@@ -135,7 +140,7 @@ class InterimLooks:
             confirmed_from: the look that failed; the next one is at the end.
         """
         last = confirmed_from or starts
-        ends = set(range(FIRST_LOOK, last)) | {last, starts}
+        ends = set(range(FIRST_LOOK_BY_TURNS, last)) | {last, starts}
         return cls(tuple(sorted(ends)), declared=starts, after_starts=True, by_turns=True)
 
     def __len__(self) -> int:
@@ -145,11 +150,12 @@ class InterimLooks:
         """The part of the error that a look may make; looks are counted from 1."""
         if self.by_turns:
             return _SHARE_BY_TURNS
-        if len(self) == 1:
+        sharing = sum(end >= self.declared for end in self.iterations)
+        if sharing == 1 or self.iterations[look - 1] < self.declared:
             return 1.0
         if self.after_starts:
-            return 0.7 if look == len(self) else len(self) ** -1.1
-        return 1 / 2 if look == len(self) else 1 / (2 * (len(self) - 1))
+            return 0.7 if look == len(self) else sharing**-1.1
+        return 1 / 2 if look == len(self) else 1 / (2 * (sharing - 1))
 
     def confidence_at(self, look: int, confidence: float = CONFIDENCE) -> float:
         """The confidence at which a look decides, for decisions of a given confidence."""

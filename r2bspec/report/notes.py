@@ -111,6 +111,7 @@ def _weighted(result: Result) -> Iterator[Note]:
         (Weight.BROKEN, _exit_notes(result)),
         (Weight.BUSY, _busy_notes(result)),
         (Weight.OPEN, _requirement_notes(result, ("fail", "inconclusive"))),
+        (Weight.OPEN, _untested(result)),
         (of_host, _interference_notes(result)),
         (Weight.DETAIL, (f"{text[:1].upper()}{text[1:]}" for text in decisions)),
         (Weight.PLAYED, unplayed_notes(result)),
@@ -240,6 +241,14 @@ def _requirement_notes(result: Result, outcomes: Sequence[str]) -> Iterator[str]
                 about.setdefault(text, []).append(_where(verdict, several=several))
     for text, where in about.items():
         yield f"{first_words(where, 1)}: {text}"
+
+
+def _untested(result: Result) -> Iterator[str]:
+    """What would change a verdict and cannot be seen in the run."""
+    several = wording.several_monitors(result.verdict)
+    for verdict in result.verdict.requirements:
+        if verdict.untested:
+            yield f"{_where(verdict, several=several)}: {verdict.untested}"
 
 
 def _where(verdict: RequirementVerdict, *, several: bool) -> str:

@@ -17,14 +17,14 @@ from scipy import signal
 from simulated_worlds import World, bursts, stationary
 
 from r2bspec.judge.measure.times import rank
-from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
-from r2bspec.judge.statistics.design_effect import SampleDesign, effective_sample
-from r2bspec.judge.statistics.percentile_interval import RankedMessages, level_margin
+from r2bspec.judge.statistics.percentile_interval import level_margin
+from r2bspec.judge.statistics.shares import ShareBounds, ShareLimit, bounds_of_flags
 from r2bspec.judge.statistics.t_interval import (
     RatioInterval,
     mean_interval,
     pair_orders,
     paired_ratio,
+    scatter_level,
 )
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.plan.interim_looks import InterimLooks
@@ -37,10 +37,15 @@ Values = NDArray[np.float64]
 
 @dataclass
 class Errors:
-    """Counts of runs: passes, fails, and fails that were confirmed."""
+    """Counts of runs: passes, fails, and fails that were confirmed.
+
+    Attributes:
+        said: of the passes and fails, those that say what the run may not have met.
+    """
 
     runs: int
     counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(3, dtype=np.int64))
+    said: int = 0
 
     @classmethod
     def of(cls, outcomes: Iterable[int]) -> Errors:
@@ -85,43 +90,43 @@ def held(found: Errors) -> bool:
     return max(found.shares[:2]) <= most and found.shares[2] <= chance(0.01, found.runs)
 
 
-def share_test(bad: float, messages: float, allowed: float, confidence: float = CONFIDENCE) -> int:
-    """The exact binomial test."""
-    if upper_bound(bad, messages, confidence) <= allowed:
-        return 1
-    return -1 if lower_bound(bad, messages, confidence) > allowed else 0
+def share_bounds_of(
+    pieces: NDArray[np.bool_], allowed: float, confidence: float, starts: tuple[int, ...] = ()
+) -> ShareBounds:
+    """The bounds on a share of one run."""
+    test = ShareLimit(allowed, confidence, scatter_level(confidence))
+    careful = scatter_level(confidence, of_shares=True)
+    return bounds_of_flags(list(pieces), starts, test, careful)
 
 
 def share_outcome(
     pieces: NDArray[np.bool_],
     allowed: float,
     confidence: float = CONFIDENCE,
-    *,
-    plain: bool = False,
+    starts: tuple[int, ...] = (),
 ) -> int:
-    """The test of one run, on its effective number of messages or on the plain one."""
-    worth = effective_sample(list(pieces), SampleDesign(allowed=allowed, confidence=confidence))
-    f = 1.0 if plain else worth.effect
-    return share_test(worth.bad / f, worth.n / f, allowed, confidence)
+    """The test of one run."""
+    found = share_bounds_of(pieces, allowed, confidence, starts)
+    return int(found.upper <= allowed) - int(found.lower > allowed)
 
 
 def percentile_outcome(
     values: Values, limit: float, allowed: float, confidence: float, starts: tuple[int, ...] = ()
 ) -> int:
     """The test of one run, whose percentile has to be as far from the limit as levels scatter."""
-    ranked = RankedMessages(list(values), SampleDesign(starts, allowed, confidence))
-    sample = ranked.sample(int(np.count_nonzero(values > limit)))
-    levels = level_margin(ranked.values, starts, 1 - allowed, confidence)
+    level = scatter_level(confidence)
+    bounds = bounds_of_flags(list(values > limit), starts, ShareLimit(allowed, confidence, level))
+    found = int(bounds.upper <= allowed) - int(bounds.lower > allowed)
+    levels = level_margin(list(values), starts, 1 - allowed, level)
     below, above = (levels.half, levels.tail) if levels is not None else (0.0, 0.0)
-    estimate = float(ranked.ordered[rank(1 - allowed, ranked.n) - 1])
-    found = share_test(sample.bad_messages, sample.messages, allowed, confidence)
+    estimate = float(np.sort(values, axis=None)[rank(1 - allowed, values.size) - 1])
     clear = estimate + above <= limit if found > 0 else estimate - below > limit
     return found if clear else 0
 
 
 def mean_outcome(values: list[float], confidence: float = CONFIDENCE, limit: float = 1.0) -> int:
     """``mean < limit`` by t over iterations."""
-    found = mean_interval(values, confidence)
+    found = mean_interval(values, scatter_level(confidence))
     return int(found.upper < limit) - int(found.lower >= limit)
 
 
@@ -148,12 +153,11 @@ def share_gate(
     runs: int,
     messages: int = 300,
     iterations: int = 10,
-    plain: bool = False,
     seed: int = 1,
 ) -> Errors:
     """A percentile or share requirement in many runs."""
     flags = world(np.random.default_rng(seed), (runs, iterations, messages), truth)
-    return Errors.of(share_outcome(run, allowed, plain=plain) for run in flags)
+    return Errors.of(share_outcome(run, allowed) for run in flags)
 
 
 def mean_gate(values: Values, limit: float = 1.0) -> Errors:

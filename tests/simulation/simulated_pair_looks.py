@@ -14,9 +14,9 @@ from simulated_gates import CONFIDENCE, Errors, ratio_outcome
 from simulated_starts import QUANTILES, Shape, StartWorld
 
 from nightly import size
-from r2bspec.judge.early_pass import holds_in_bursts, room_of_mean
-from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
+from r2bspec.judge.statistics.binomial import zero_failure_bound
 from r2bspec.judge.statistics.t_interval import RatioInterval, paired_ratio
+from r2bspec.judge.unmet import decided_in_bursts, room_of_mean
 from r2bspec.plan.interim_looks import InterimLooks
 
 PAIR_RUN = Shape(1, 2, 300)
@@ -49,15 +49,17 @@ def _truth(head: str, quantity: str) -> float:
     return math.exp(float(np.mean(logs[0]) - np.mean(logs[1])))
 
 
-def has_room(interval: RatioInterval, limit: float, quantity: str, confidence: float) -> bool:
-    """Return True if a PASS may end the pairs before the last, as `early_doubt_of_pairs` has it."""
-    quantile = QUANTILES.get(quantity)
+def has_room(
+    interval: RatioInterval, limit: float, quantity: str, confidence: float, found: int
+) -> bool:
+    """Return True if pairs may end before the last, as `early_doubt_of_pairs` has it."""
+    quantile, below = QUANTILES.get(quantity), found > 0
     if quantile is not None:
         messages = interval.n * PAIR_RUN.pieces * PAIR_RUN.messages
-        if not holds_in_bursts(0, messages, round(1 - quantile, 12), confidence):
+        if not decided_in_bursts(0, messages, round(1 - quantile, 12), confidence, below=True):
             return False
     unmet = zero_failure_bound(interval.n, CONFIDENCE)
-    return unmet <= room_of_mean(interval.upper, limit, upper=True)
+    return unmet <= room_of_mean(interval.upper if below else interval.lower, limit, below=below)
 
 
 def errors_of_pairs(
@@ -70,7 +72,7 @@ def errors_of_pairs(
         quantity: ``p50``, ``p99`` or ``mean``.
         pairs: the most.
         looks: whether the pairs end after the one that decides; all are judged at once otherwise.
-        room: whether a PASS needs room for what these pairs have not met.
+        room: whether a decision needs room for what these pairs have not met.
         runs: how many.
     """
     random, limit = np.random.default_rng(3), _truth(head, quantity)
@@ -85,8 +87,8 @@ def errors_of_pairs(
             confidence = planned.confidence_at(look, CONFIDENCE)
             interval = paired_ratio(base[:end], head_[:end], confidence)
             found = -ratio_outcome(interval, limit)
-            waits = room and end < pairs and not has_room(interval, limit, quantity, confidence)
-            if found < 0 or (found > 0 and not waits):
+            early = room and end < pairs
+            if found and not (early and not has_room(interval, limit, quantity, confidence, found)):
                 return found
         return 0
 

@@ -21,27 +21,23 @@ from simulated_gates import (
     Values,
     percentile_outcome,
     ratio_outcome,
-    share_test,
+    share_bounds_of,
+    share_outcome,
 )
 
 from nightly import size
 from r2bspec.judge.decision_policy import DecisionPolicy
-from r2bspec.judge.early_pass import (
-    holds_in_bursts,
-    room_of_losses,
-    room_of_mean,
-    room_of_percentile,
-)
 from r2bspec.judge.pipeline import judge
-from r2bspec.judge.statistics.binomial import upper_bound
-from r2bspec.judge.statistics.design_effect import SampleDesign, effective_sample
+from r2bspec.judge.statistics.binomial import zero_failure_bound
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
-from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
+from r2bspec.judge.statistics.shares import ShareLimit
 from r2bspec.judge.statistics.t_interval import (
     RunValues,
     hierarchical_interval,
+    scatter_level,
     welch_ratio_of_runs,
 )
+from r2bspec.judge.unmet import decided_in_bursts, room_of_losses, room_of_mean, room_of_percentile
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.plan.interim_looks import InterimLooks
@@ -85,12 +81,16 @@ class StartWorld:
         iteration_memory: of successive iterations, across starts.
         message_memory: of successive messages of an iteration.
         drift: from the beginning of a run to its end.
-        slow_starts: share of starts that are slower by a fifth.
+        slow_starts: share of starts that are slower.
         slow_iterations: share of iterations that are.
+        slower: by how much.
         burst: mean length of stalls, in which messages take twice as long; 2 % of all messages.
+        lost_burst: mean length of bursts of losses; 1 % of all messages.
+        lost_first: share of starts that lose their first messages; 1 % of all messages.
         stop: length of stops of the machine in seconds, one every `EVERY_S` on average; a message
             takes 20 ms, and what comes during a stop waits for its end.
-        skewed: whether messages are log-normal with sigma 1, and nothing else.
+        skewed: messages are log-normal with this sigma, and nothing else.
+        pareto: messages are Pareto with this index, and nothing else.
     """
 
     start: float = 0.0
@@ -102,27 +102,39 @@ class StartWorld:
     drift: float = 0.0
     slow_starts: float = 0.0
     slow_iterations: float = 0.0
+    slower: float = 0.2
     burst: float = 0.0
+    lost_burst: float = 0.0
+    lost_first: float = 0.0
     stop: float = 0.0
-    skewed: bool = False
+    skewed: float = 0.0
+    pareto: float = 0.0
 
     def run(self, random: np.random.Generator, shape: Shape) -> Values:
         """One run, shape (iterations, messages)."""
         m, n = shape.pieces, shape.messages
         if self.skewed:
-            return np.exp(random.standard_normal((m, n)))
+            return np.exp(self.skewed * random.standard_normal((m, n)))
+        if self.pareto:
+            return 1 + random.pareto(self.pareto, (m, n))
         level = 1 + self.hour * random.standard_normal() + np.zeros(m)
         starts = self.start * _ar(random, self.start_memory, shape.starts)
-        starts = starts + 0.2 * (random.random(shape.starts) < self.slow_starts)
+        starts = starts + self.slower * (random.random(shape.starts) < self.slow_starts)
         level += np.repeat(starts, shape.iterations)
         level += self.iteration * _ar(random, self.iteration_memory, m)
-        level += 0.2 * (random.random(m) < self.slow_iterations)
+        level += self.slower * (random.random(m) < self.slow_iterations)
         noise = _ar(random, self.message_memory, n, m)
         values = level[:, np.newaxis] + SCATTER * noise
         if self.drift:
             values += self.drift * (np.arange(m * n).reshape(m, n) / (m * n - 1) - 0.5)
         if self.burst:
-            values += _stalls(random, self.burst, (m, n))
+            values += _stalls(random, self.burst, (m, n), _STALLED)
+        if self.lost_burst:
+            values += LOST * _stalls(random, self.lost_burst, (m, n), _LOST_SHARE)
+        if self.lost_first:
+            whole = values.reshape(shape.starts, -1)
+            first = round(_LOST_SHARE / self.lost_first * whole.shape[1])
+            whole[random.random(shape.starts) < self.lost_first, :first] += LOST
         if self.stop:
             values += _stops(random, self.stop, (m, n)) / MESSAGE_S
         return np.asarray(values)
@@ -138,20 +150,28 @@ class StartWorld:
             held, steps = self.stop / EVERY_S, ((np.arange(100) + 0.5) / 100).tolist()
             late = tuple((held / 100, 1 + at * self.stop / MESSAGE_S, deviation) for at in steps)
             return ((1 - held, 1.0, deviation), *late)
-        slow, by = max(self.slow_starts, self.slow_iterations), 0.2
+        slow, by = max(self.slow_starts, self.slow_iterations), self.slower
         if self.burst:
             slow, by = _STALLED, 1.0
+        if self.lost_burst or self.lost_first:
+            slow, by = _LOST_SHARE, LOST
         return ((1 - slow, 1.0, deviation), (slow, 1.0 + by, deviation))
 
     @property
     def mean(self) -> float:
         """The true mean."""
-        return math.exp(0.5) if self.skewed else sum(w * mean for w, mean, _ in self.parts)
+        if self.pareto:
+            return self.pareto / (self.pareto - 1)
+        if self.skewed:
+            return math.exp(self.skewed**2 / 2)
+        return sum(w * mean for w, mean, _ in self.parts)
 
     def quantile(self, q: float) -> float:
         """The true percentile."""
         if self.skewed:
-            return math.exp(float(special.ndtri(q)))
+            return math.exp(self.skewed * float(special.ndtri(q)))
+        if self.pareto:
+            return float((1 - q) ** (-1 / self.pareto))
         low, high = -5.0, 10.0
         for _ in range(60):
             middle = (low + high) / 2
@@ -161,6 +181,9 @@ class StartWorld:
 
 
 _STALLED = 0.02
+_LOST_SHARE = 0.01
+LOST = 10.0
+"""What a message that is lost takes longer."""
 MESSAGE_S, RATE_HZ, EVERY_S = 0.02, 30.0, 30.0
 
 
@@ -173,12 +196,14 @@ def _ar(random: np.random.Generator, phi: float, length: int, rows: int | None =
     return np.asarray(noise if rows else noise[0])
 
 
-def _stalls(random: np.random.Generator, length: float, shape: tuple[int, int]) -> Values:
+def _stalls(
+    random: np.random.Generator, length: float, shape: tuple[int, int], share: float
+) -> Values:
     """1 in a stall, 0 outside: a two-state Markov chain."""
     draws = random.random(shape)
-    enter = _STALLED / (1 - _STALLED) / length
+    enter = share / (1 - share) / length
     found = np.empty(shape)
-    state = random.random(shape[0]) < _STALLED
+    state = random.random(shape[0]) < share
     for step in range(shape[1]):
         found[:, step] = state
         state = np.where(state, draws[:, step] >= 1 / length, draws[:, step] < enter)
@@ -219,9 +244,24 @@ WORLDS: dict[str, StartWorld] = {
     "a stop of 0.5 s every 30 s": StartWorld(stop=0.5),
     "1 iteration in 10 is slow": StartWorld(slow_iterations=0.1),
     "1 start in 5 is slow": StartWorld(slow_starts=0.2),
-    "skewed messages (log-normal)": StartWorld(skewed=True),
+    "skewed messages (log-normal)": StartWorld(skewed=1.0),
     "the hour differs by 2.7 %": StartWorld(hour=0.027),
 }
+
+RARE_WORLDS: dict[str, StartWorld] = {
+    "2 starts in 10 are 30 % slower": StartWorld(start=0.01, slow_starts=0.2, slower=0.3),
+    "half of the starts are 10 % slower": StartWorld(start=0.01, slow_starts=0.5, slower=0.1),
+    "starts resemble (0.6), 10 %": StartWorld(start=0.1, start_memory=0.6),
+    "starts resemble (0.9), 5 %": StartWorld(start=0.05, start_memory=0.9),
+    "losses in bursts of 5": StartWorld(lost_burst=5),
+    "losses in bursts of 20": StartWorld(lost_burst=20),
+    "losses in bursts of 60": StartWorld(lost_burst=60),
+    "1 start in 5 loses its first messages": StartWorld(lost_first=0.2),
+    "log-normal, sigma 1.5": StartWorld(skewed=1.5),
+    "Pareto, index 1.5": StartWorld(pareto=1.5),
+    "Pareto, index 1.1": StartWorld(pareto=1.1),
+}
+"""Worlds in which a run of five starts may not meet what decides."""
 
 WINDOWS = "90 % of 1 s windows"
 _WINDOW = 30
@@ -229,6 +269,13 @@ _WINDOW = 30
 _WINDOW_SHARE = 0.9
 
 QUANTITIES = ("p50", "p99", "drop rate 1 %", "mean, throughput")
+
+
+def quantities_of(name: str) -> tuple[str, ...]:
+    """What is judged in a world: nothing but losses where these are what it is about."""
+    return ("drop rate 1 %",) if "los" in name else QUANTITIES
+
+
 QUANTILES = {"p50": 0.5, "p90": 0.9, "p99": 0.99}
 
 
@@ -236,22 +283,18 @@ def outcome(
     values: Values, shape: Shape, quantity: str, limit: float, confidence: float = CONFIDENCE
 ) -> int:
     """1 for a pass, -1 for a fail, 0 if it stays open."""
+    starts, level = shape.numbers[: len(values)], scatter_level(confidence)
     if quantity == "mean, throughput":
-        found = hierarchical_interval(
-            values.mean(axis=1).tolist(), shape.numbers[: len(values)], confidence
-        )
+        found = hierarchical_interval(values.mean(axis=1).tolist(), starts, level)
         return int(found.interval.upper < limit) - int(found.interval.lower >= limit)
-    starts = shape.numbers[: len(values)]
     if quantity == WINDOWS:
-        design = SampleDesign(starts, round(1 - _WINDOW_SHARE, 12), confidence)
-        ranked = RankedMessages(list(window_means(values)), design)
+        test = ShareLimit(round(1 - _WINDOW_SHARE, 12), confidence, level)
+        ranked = RankedMessages(list(window_means(values)), starts, test)
         interval = percentile_interval(ranked, _WINDOW_SHARE)
         return int(interval.upper < limit) - int(interval.lower >= limit)
     allowed = round(1 - QUANTILES.get(quantity, 0.99), 12)
     if quantity == "drop rate 1 %":
-        design = SampleDesign(starts, allowed, confidence)
-        sample = effective_sample(list(values > limit), design)
-        return share_test(sample.bad_messages, sample.messages, allowed, confidence)
+        return share_outcome(values > limit, allowed, confidence, starts)
     return percentile_outcome(values, limit, allowed, confidence, starts)
 
 
@@ -282,6 +325,7 @@ def errors(
     shape: Shape = DEFAULT,
     runs: int,
     looks: bool = False,
+    said: bool = False,
 ) -> dict[str, Errors]:
     """Judge many runs, exactly on the limit, and play failures again.
 
@@ -291,6 +335,7 @@ def errors(
         shape: of a run.
         runs: how many.
         looks: whether a run ends after the start that decides; all are judged whole otherwise.
+        said: whether to count the decisions that say what the run may not have met.
     """
     planned = planned_looks(shape, looks=looks)
     random = np.random.default_rng(1)
@@ -307,6 +352,9 @@ def errors(
             confidence = CONFIRMATION_CONFIDENCE
             confirm = partial(_at_looks, fresh, shape, planned, quantity, limit, confidence)
             found[quantity].add(first, confirm)
+            if said and first:
+                verdict = verdict_on(values, quantity, limit, shape)
+                found[quantity].said += bool(verdict.requirements[0].untested)
     return found
 
 
@@ -342,27 +390,59 @@ def _decided_at(
     for look, end in enumerate(looks.iterations, start=1):
         at, played = looks.confidence_at(look, confidence), values[:end]
         found = outcome(played, shape, quantity, limit, at)
-        early = found > 0 and end < looks.declared
-        if found and not (early and not has_room(played, shape, quantity, limit, at)):
+        early = end < looks.declared
+        if found and not (early and not has_room(played, shape, quantity, limit, at, found)):
             return found, end
     return 0, looks.iterations[-1]
 
 
-def has_room(values: Values, shape: Shape, quantity: str, limit: float, confidence: float) -> bool:
-    """Whether a PASS may end a run before its declared starts, as `early_doubt` has it."""
-    numbers = shape.numbers[: len(values)]
+def has_room(
+    values: Values, shape: Shape, quantity: str, limit: float, confidence: float, found: int
+) -> bool:
+    """Whether a decision may end a run before its declared starts, as `early_doubt` has it."""
+    numbers, below = shape.numbers[: len(values)], found > 0
     unmet = zero_failure_bound(len(set(numbers)), CONFIDENCE)
     if quantity == "mean, throughput":
-        found = hierarchical_interval(values.mean(axis=1).tolist(), numbers, confidence)
-        return unmet <= room_of_mean(found.interval.upper, limit, upper=True)
+        level = scatter_level(confidence)
+        interval = hierarchical_interval(values.mean(axis=1).tolist(), numbers, level).interval
+        bound = interval.upper if below else interval.lower
+        return unmet <= room_of_mean(bound, limit, below=below)
     allowed = round(1 - QUANTILES.get(quantity, 0.99), 12)
-    if not holds_in_bursts(int((values > limit).sum()), values.size, allowed, confidence):
+    over = int(np.count_nonzero(values > limit))
+    if not decided_in_bursts(over, values.size, allowed, confidence, below=below):
         return False
     if quantity == "drop rate 1 %":
-        sample = effective_sample(list(values > limit), SampleDesign(numbers, allowed, confidence))
-        upper = upper_bound(sample.bad_messages, sample.messages, confidence)
-        return unmet <= room_of_losses(upper, allowed)
-    return unmet <= room_of_percentile(list(values), limit, allowed)
+        bounds = share_bounds_of(values > limit, allowed, confidence, numbers)
+        bound = bounds.upper if below else bounds.lower
+        return unmet <= room_of_losses(bound, allowed, below=below)
+    ranked = RankedMessages(
+        list(values), numbers, ShareLimit(allowed, confidence, scatter_level(confidence))
+    )
+    interval_ = percentile_interval(ranked, 1 - allowed)
+    bound = interval_.upper if below else interval_.lower
+    return unmet <= min(
+        room_of_percentile(list(values), limit, allowed, below=below),
+        room_of_mean(bound, limit, below=below),
+    )
+
+
+FACTOR = 1.15
+
+
+def right_away_from_the_limit(world: StartWorld, quantity: str, *, runs: int) -> float:
+    """The share of runs with the right verdict where the limit is 15 % above or below the truth."""
+    random, limit = np.random.default_rng(2), limit_of(world, quantity)
+    looks = planned_looks(DEFAULT, looks=True)
+    right = 0
+    for _ in range(runs):
+        values = world.run(random, DEFAULT)
+        for at, wanted in ((limit * FACTOR, 1), (limit / FACTOR, -1)):
+            right += _at_looks(values, DEFAULT, looks, quantity, at, CONFIDENCE) == wanted
+    return right / (2 * runs)
+
+
+START_S = 22.0
+"""How long a start of the default takes: it comes up, warms up, and plays two iterations."""
 
 
 @dataclass(frozen=True)
@@ -371,17 +451,21 @@ class TimeToVerdict:
 
     Attributes:
         decided: the share of runs with the right verdict.
-        starts: the median number of starts that were played.
+        starts: the mean number of starts that were played.
     """
 
     decided: float
     starts: float
 
+    @property
+    def seconds(self) -> float:
+        return START_S * self.starts
+
 
 def time_to_verdict(
     distance: float, starts: int, most: int = 0, *, looks: bool = True, runs: int
 ) -> TimeToVerdict:
-    """A mean that is so many deviations between starts below its limit.
+    """A mean that is so many deviations between starts from its limit, on either side by turns.
 
     Args:
         distance: in standard deviations between starts.
@@ -391,16 +475,16 @@ def time_to_verdict(
         runs: how many.
     """
     world, shape = WORLDS["starts differ by 2.7 %"], Shape(max(starts, most))
-    random, limit = np.random.default_rng(1), 1 + world.start * distance
-    quantity = "mean, throughput"
+    random, quantity = np.random.default_rng(1), "mean, throughput"
     planned = planned_looks(shape, looks=looks, declared=starts * shape.iterations)
-    played, decided = [], 0
-    for _ in range(runs):
-        values = world.run(random, shape)
+    played, decided = 0, 0
+    for number in range(runs):
+        values, side = world.run(random, shape), 1 if number % 2 else -1
+        limit = 1 + side * world.start * distance
         found, end = _decided_at(values, shape, planned, quantity, limit, CONFIDENCE)
-        played.append(end // shape.iterations)
-        decided += found > 0
-    return TimeToVerdict(decided / runs, float(np.median(played)))
+        played += end // shape.iterations
+        decided += found == side
+    return TimeToVerdict(decided / runs, played / runs)
 
 
 def verdict_on(

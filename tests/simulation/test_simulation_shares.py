@@ -45,8 +45,6 @@ def test_bursts_of_twenty_stay_undecided_at_p99_unless_none_came() -> None:
 
 def test_the_cost_of_care_is_small_where_messages_are_independent() -> None:
     """Counts of few bad messages hardly show whether iterations are correlated: 10,000 do."""
-    for truth in (0.002, 0.02):
-        plain = share_gate(stationary, truth, 0.01, runs=size(60, 300), messages=1000, plain=True)
+    for truth, wanted in ((0.002, "passed"), (0.02, "failed")):
         found = share_gate(stationary, truth, 0.01, runs=size(60, 300), messages=1000)
-        assert found.passed >= plain.passed - 0.03
-        assert found.failed >= plain.failed - 0.03
+        assert getattr(found, wanted) >= 0.97

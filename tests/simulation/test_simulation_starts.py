@@ -2,8 +2,8 @@
 
 Promise: at most 5 % of runs pass wrongly, at most 5 % fail wrongly, and at most 1 % fail wrongly
 and are confirmed. Of 400 runs a share of 5 % comes to at most 8.3 % with three standard errors of
-bad luck; a test that is wrong in 13 % would be noticed in 99.9 of 100 cases. What no test can hold
-is listed with the largest figure it may reach.
+bad luck; a test that is wrong in 13 % would be noticed in 99.9 of 100 cases. Worlds in which a run
+does not meet what decides are listed: there a wrong verdict says what it may not have met.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from simulated_gates import RUN_WORLDS, chance, held, pairs_errors
 from simulated_starts import (
     DEFAULT,
     QUANTITIES,
+    RARE_WORLDS,
     WINDOWS,
     WORLDS,
     Shape,
@@ -24,6 +25,8 @@ from simulated_starts import (
     has_room,
     limit_of,
     outcome,
+    quantities_of,
+    right_away_from_the_limit,
     stored_errors,
     time_to_verdict,
     verdict_on,
@@ -39,40 +42,59 @@ COMPARISONS = size(100, 1000)
 NOISE = noise(0.25)
 """What a small sample adds to the largest figures below."""
 
-UNSEEN = dict.fromkeys(QUANTITIES, 0.42)
-"""Of 10 iterations none is one of the slow tenth in 35 % of runs, of 5 starts none of the slow
-fifth in 33 %."""
-
-NOT_HELD: dict[str, dict[str, float]] = {
-    "messages resemble (0.99)": {"p99": 0.13, "drop rate 1 %": 0.32},
-    "iterations resemble (0.5), 5 %": dict.fromkeys(QUANTITIES, 0.2),
-    "iterations resemble (0.8), 5 %": dict.fromkeys(QUANTITIES, 0.32),
-    "starts resemble (0.5), 2.7 %": dict.fromkeys(QUANTITIES, 0.24),
-    "starts differ by 5 %": {"drop rate 1 %": 0.14},
-    "starts differ by 10 %": {"drop rate 1 %": 0.34},
-    "a stop of 0.5 s every 30 s": {"mean, throughput": 0.2},
-    "stalls of 20 messages": {"p99": 0.16, "drop rate 1 %": 0.14, "mean, throughput": 0.26},
-    "stalls of 40 messages": {"p99": 0.34, "drop rate 1 %": 0.34, "mean, throughput": 0.4},
-    "1 iteration in 10 is slow": UNSEEN,
-    "1 start in 5 is slow": UNSEEN,
-    "the hour differs by 2.7 %": dict.fromkeys(QUANTITIES, 0.55),
+NOT_MET: dict[str, tuple[str, ...]] = {
+    "messages resemble (0.99)": ("drop rate 1 %",),
+    "iterations resemble (0.5), 5 %": QUANTITIES,
+    "iterations resemble (0.8), 5 %": QUANTITIES,
+    "starts resemble (0.5), 2.7 %": QUANTITIES,
+    "starts differ by 5 %": ("drop rate 1 %",),
+    "starts differ by 10 %": ("drop rate 1 %",),
+    "a stop of 0.5 s every 30 s": ("mean, throughput",),
+    "stalls of 20 messages": ("p99", "drop rate 1 %", "mean, throughput"),
+    "stalls of 40 messages": ("p99", "drop rate 1 %", "mean, throughput"),
+    "1 iteration in 10 is slow": QUANTITIES,
+    "1 start in 5 is slow": QUANTITIES,
+    "the hour differs by 2.7 %": QUANTITIES,
+    "2 starts in 10 are 30 % slower": QUANTITIES,
+    "half of the starts are 10 % slower": ("drop rate 1 %",),
+    "starts resemble (0.6), 10 %": QUANTITIES,
+    "starts resemble (0.9), 5 %": QUANTITIES,
+    "losses in bursts of 20": ("drop rate 1 %",),
+    "losses in bursts of 60": ("drop rate 1 %",),
+    "1 start in 5 loses its first messages": ("drop rate 1 %",),
+    "log-normal, sigma 1.5": ("mean, throughput",),
+    "Pareto, index 1.5": ("mean, throughput",),
+    "Pareto, index 1.1": ("mean, throughput",),
 }
-"""The largest share of wrong passes, by world and quantity (docs/verdicts.md, What no run can
-know)."""
+"""Quantities of which a run of five starts often does not meet what decides (docs/verdicts.md, What
+no run can know)."""
 
-REMEMBERS = {name for name in WORLDS if "resemble" in name and not name.startswith("messages")}
-"""Worlds in which each start or iteration resembles the one before: they fail wrongly, too."""
+LEAST_SAID = 0.9
+"""Of the verdicts in these worlds, the share that say what they may not have met. A stop of half a
+second moves a mean by more than any of it."""
 
 
-@pytest.mark.parametrize("name", sampled(WORLDS, 2))
+@pytest.mark.parametrize("name", sampled([*WORLDS, *RARE_WORLDS], 3))
 def test_errors_on_the_limit(name: str) -> None:
-    for quantity, found in errors(WORLDS[name], runs=RUNS, looks=True).items():
-        passed, failed, confirmed = found.shares
-        assert passed <= NOT_HELD.get(name, {}).get(quantity, chance(0.05, RUNS)) + NOISE, quantity
-        if name == "the hour differs by 2.7 %":
-            continue
-        assert failed <= (0.3 + NOISE if name in REMEMBERS else chance(0.05, RUNS)), quantity
-        assert confirmed <= (0.12 if name in REMEMBERS else chance(0.01, RUNS)), quantity
+    world = {**WORLDS, **RARE_WORLDS}[name]
+    for quantity, found in errors(
+        world, quantities_of(name), runs=RUNS, looks=True, said=True
+    ).items():
+        if quantity not in NOT_MET.get(name, ()):
+            assert held(found), quantity
+        elif name != "a stop of 0.5 s every 30 s":
+            decided = int(found.counts[:2].sum())
+            assert found.said >= LEAST_SAID * decided - noise(3), quantity
+
+
+@pytest.mark.parametrize("name", sampled(WORLDS, 5))
+def test_away_from_the_limit_verdicts_are_right(name: str) -> None:
+    """But where a run meets too little, 15 % of the limit is enough."""
+    world = WORLDS[name]
+    for quantity in ("p50", "mean, throughput"):
+        if name not in {"a stop of 0.5 s every 30 s", "1 start in 5 is slow"}:
+            right = right_away_from_the_limit(world, quantity, runs=size(10, 100))
+            assert right >= (0.75 if name == "starts differ by 10 %" else 0.95) - noise(0.15)
 
 
 @pytest.mark.parametrize("name", ["nothing differs", "starts differ by 1 %"])
@@ -89,6 +111,8 @@ def test_what_is_met_clearly_is_met_without_a_word(name: str) -> None:
             verdict = verdict_on(values, quantity, limit)
             assert verdict.outcome == "pass"
             told.append(bool(verdict.requirements[0].notes))
+            if quantity == "mean, throughput":
+                assert not verdict.requirements[0].untested
     assert sum(told) <= 0.1 * len(told)
 
 
@@ -114,10 +138,12 @@ def test_many_looks_share_the_error(name: str) -> None:
     assert all(held(one) for one in found.values())
 
 
-def test_a_clear_run_ends_after_five_starts_and_a_close_run_is_decided_later() -> None:
+def test_a_clear_run_ends_after_three_starts_and_a_close_run_is_decided_later() -> None:
     runs = size(40, 400)
-    clear = time_to_verdict(10, 20, runs=runs)
-    assert (clear.decided, clear.starts) == (1, 5)
+    clear = time_to_verdict(10, 5, runs=runs)
+    assert clear.decided == 1
+    assert clear.starts <= 3.05
+    assert time_to_verdict(2, 5, runs=runs).decided >= 0.9 - noise(0.08)
     close = time_to_verdict(1, 5, 24, runs=runs)
     assert close.decided >= 0.95 - noise(0.1)
     assert time_to_verdict(1, 5, looks=False, runs=runs).decided < close.decided - 0.1
@@ -140,13 +166,14 @@ def test_a_verdict_ends_a_run_where_the_simulated_verdict_does(quantity: str) ->
     world, random = WORLDS["starts differ by 2.7 %"], np.random.default_rng(4)
     shape = replace(DEFAULT, starts=7)
     looks = InterimLooks.planned(shape.pieces, shape.starts)
-    for at in (1.05, 1.2, 1.5, 2.0):
+    for at in (0.5, 0.8, 1.05, 1.2, 1.5, 2.0):
         limit = limit_of(world, quantity) * at
-        values = world.run(random, shape)[: looks.iterations[0]]
+        values = world.run(random, shape)[: 5 * shape.iterations]
         (one,) = verdict_on(values, quantity, limit, DEFAULT, looks=looks).requirements
-        if one.outcome == "pass":
-            confidence = looks.confidence_at(1)
-            assert one.early != has_room(values, DEFAULT, quantity, limit, confidence)
+        found = {"pass": 1, "fail": -1}.get(one.outcome, 0)
+        if found and one.look == len(looks.iterations[: looks.completed_looks(len(values))]):
+            confidence = looks.confidence_at(one.look)
+            assert one.early != has_room(values, DEFAULT, quantity, limit, confidence, found)
 
 
 @pytest.mark.parametrize("name", RUN_WORLDS)

@@ -1,4 +1,4 @@
-"""A bound on a mean, by t over the iterations, and over the starts where there are several.
+"""How means are decided: by t over the iterations, and over the starts where there are several.
 
 One value for each iteration: messages within one are correlated, and the difference between
 iterations is the noise that a second run would show. A run with several starts of the graph's
@@ -18,7 +18,7 @@ from typing import Final
 
 from r2bspec.judge.measure.metric import MetricInfo
 from r2bspec.judge.measure.metric_values import metric_value
-from r2bspec.judge.measure.samples import SegmentSamples, starts_of
+from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.requirement_case import MAX_LOST_SHARE, Decision, RequirementCase, undecided
 from r2bspec.judge.statistics.more_pieces import advice, mean_decides, more_pieces
@@ -77,7 +77,7 @@ def judge_mean(case: RequirementCase, _: RunRecord) -> Decision:
             n=len(values),
         )
     step = resolution(case.info, max(values), case.iterations[0].segment.length_s)
-    sample = hierarchical_interval(values, starts_of(case.iterations), case.confidence, step)
+    sample = hierarchical_interval(values, case.starts, case.level, step)
     interval, shown = sample.interval, _possible(sample, values)
     outcome = case.outcome_of_bounds(shown.interval.lower, shown.interval.upper)
     decision = Decision(
@@ -168,7 +168,7 @@ def _remedy(case: RequirementCase, found: HierarchicalInterval) -> str:
     interval, (number, pieces) = found.interval, case.pieces
     half = (interval.upper - interval.lower) / 2
     distance = abs(interval.mean - case.limit)
-    more = more_pieces(number, mean_decides(distance, half, number, case.confidence))
+    more = more_pieces(number, mean_decides(distance, half, number, case.level))
     if more is not None:
         return advice(more, pieces)
     return (

@@ -1,17 +1,18 @@
-"""Bounds on percentiles and shares, by the exact binomial test on single messages or on windows.
+"""How percentiles, shares and requirements on windows are decided, and in which words.
 
 Shares
 ------
 
-The counts of all iterations are tested.
+The counts of all iterations are tested, with their design effect
+(`r2bspec.judge.statistics.shares`). Nothing but the counts shows that starts differ, so that the
+bound by which a share passes has a level of its own.
 
 Percentiles
 -----------
 
 ``latency.p99 < L`` says that at most 1 % of all messages take L or longer. The messages of all
-iterations are pooled, with their effective sample size
-(`r2bspec.judge.statistics.design_effect`). A lost message counts as on the wrong side of
-the limit: otherwise a graph that drops its slowest messages would improve its percentiles.
+iterations are pooled. A lost message counts as on the wrong side of the limit: otherwise a graph
+that drops its slowest messages would improve its percentiles.
 
 The bounds are also at least as far from the percentile as iterations and starts differ
 (`r2bspec.judge.statistics.percentile_interval`). Where only that leaves the verdict open, it says
@@ -33,19 +34,13 @@ import math
 from dataclasses import replace
 from typing import Any, Final
 
-import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from r2bspec.judge.measure.metric_values import WindowValues, has_windows, window_values
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
-from r2bspec.judge.methods.share_wording import (
-    counted_noun,
-    counts_decide,
-    level_sentence,
-    share_sentence,
-)
 from r2bspec.judge.requirement_case import (
     MAX_LOST_SHARE,
     Decision,
@@ -53,8 +48,6 @@ from r2bspec.judge.requirement_case import (
     decide,
     undecided,
 )
-from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
-from r2bspec.judge.statistics.design_effect import BadFlags, EffectiveSample, effective_sample
 from r2bspec.judge.statistics.more_pieces import (
     Decides,
     advice,
@@ -63,11 +56,14 @@ from r2bspec.judge.statistics.more_pieces import (
     share_decides,
 )
 from r2bspec.judge.statistics.percentile_interval import (
+    LevelMargin,
     PercentileInterval,
     RankedMessages,
     allowed_share,
     percentile_interval,
 )
+from r2bspec.judge.statistics.shares import ShareBounds, ShareLimit, bounds_of_flags
+from r2bspec.judge.statistics.t_interval import scatter_level
 from r2bspec.judge.verdict import Outcome, ShareTest
 from r2bspec.record.run_record import RunRecord
 
@@ -77,10 +73,10 @@ _ONE_ITERATION: Final = "One iteration does not show by how much iterations diff
 def judge_share(case: RequirementCase, _: RunRecord) -> Decision:
     """Decide a requirement on ``drop_rate``: missed outputs, of the expected ones."""
     missed = [np.logical_not(around.came) for around in case.monitor_samples]
-    sample = effective_sample(missed, case.design(case.limit))
-    if not sample.n:
+    bounds = _bounds_of_flags(case, missed, case.limit)
+    if not bounds.n:
         return undecided("No step was played.")
-    test = share_test(sample, case.limit, case.confidence, lost=sample.bad)
+    test = share_test(bounds, case.limit, lost=bounds.bad)
     outcome = case.outcome_of_bounds(test.lower, test.upper)
     return decision_by_share(
         test,
@@ -92,6 +88,18 @@ def judge_share(case: RequirementCase, _: RunRecord) -> Decision:
         lower=test.lower,
         upper=test.upper,
     )
+
+
+def _bounds_of_flags(
+    case: RequirementCase, flags: list[NDArray[np.bool_]], allowed: float
+) -> ShareBounds:
+    """Return the bounds on a share that no margin of levels protects."""
+    careful = scatter_level(case.confidence, of_shares=True)
+    return bounds_of_flags(flags, case.starts, _tested(case, allowed), careful)
+
+
+def _tested(case: RequirementCase, allowed: float) -> ShareLimit:
+    return ShareLimit(allowed, case.confidence, case.level)
 
 
 def decision_by_share(
@@ -115,26 +123,23 @@ def _notes(case: RequirementCase, outcome: Outcome) -> tuple[str, ...]:
     return (_ONE_ITERATION,) if decided and len(case.iterations) == 1 else ()
 
 
-def share_test(
-    sample: EffectiveSample, allowed: float, confidence: float, *, lost: int = 0
-) -> ShareTest:
-    """Return the binomial test on counts whose effective sample size is known.
+def share_test(bounds: ShareBounds, allowed: float, *, lost: int = 0) -> ShareTest:
+    """Return the test of a share as a verdict has it.
 
     Args:
-        sample: the counts.
+        bounds: on the share.
         allowed: the share that is allowed or required.
-        confidence: of each bound by itself.
         lost: how many of the bad messages never arrived.
     """
     return ShareTest(
-        n=sample.n,
-        effective_n=sample.messages,
-        over=sample.bad,
-        differ=sample.differ,
+        n=bounds.n,
+        effective_n=bounds.n / bounds.effect,
+        over=bounds.bad,
+        differ=bounds.differ,
         lost=lost,
-        share=sample.bad / sample.n,
-        lower=lower_bound(sample.bad_messages, sample.messages, confidence),
-        upper=upper_bound(sample.bad_messages, sample.messages, confidence),
+        share=bounds.bad / bounds.n,
+        lower=bounds.lower,
+        upper=bounds.upper,
         allowed=allowed,
     )
 
@@ -147,7 +152,7 @@ def judge_percentile(case: RequirementCase, _: RunRecord) -> Decision:
     pieces, lost = case.values_by_iteration()
     if not any(piece.size for piece in pieces):
         return undecided("There is no message to judge.")
-    ranked = RankedMessages(pieces, case.design(allowed_share(quantile)))
+    ranked = RankedMessages(pieces, case.starts, _tested(case, allowed_share(quantile)))
     test = _share_test(case, ranked, lost, quantile)
     return percentile_decision(case, test, percentile_interval(ranked, quantile))
 
@@ -212,7 +217,7 @@ def _remedy(
         would_pass = (case.limit > interval.estimate) == case.is_upper_bound
         half = levels.tail if would_pass else levels.half
         if distance <= half and number > 1:
-            needed.append(mean_decides(distance, half, number, case.confidence))
+            needed.append(mean_decides(distance, half, number, case.level))
     more = more_pieces(number, *needed)
     if more is not None:
         return advice(more, pieces)
@@ -239,15 +244,11 @@ def _share_test(
     # '<' and '>=' share one boundary, '<=' and '>' the other.
     strict, ordered = case.requirement.op in {"<", ">="}, ranked.ordered
     over = int(np.count_nonzero(ordered >= case.limit if strict else ordered > case.limit))
-    sample = ranked.sample(over)
+    bounds = replace(ranked.over(over), bad=over)
     if case.is_upper_bound:
-        return share_test(sample, allowed_share(quantile), case.confidence, lost=lost)
-    under = replace(sample, bad=sample.n - over)
-    test = share_test(under, quantile, case.confidence, lost=lost)
-    counts = sample.bad_messages, sample.messages, case.confidence
-    return msgspec.structs.replace(
-        test, lower=1 - upper_bound(*counts), upper=1 - lower_bound(*counts)
-    )
+        return share_test(bounds, allowed_share(quantile), lost=lost)
+    turned = replace(bounds, bad=bounds.n - over, lower=1 - bounds.upper, upper=1 - bounds.lower)
+    return share_test(turned, quantile, lost=lost)
 
 
 def judge_windows(case: RequirementCase, _: RunRecord) -> Decision:
@@ -325,13 +326,14 @@ def _without_windows(case: RequirementCase, found: list[WindowValues]) -> Decisi
 def _judge_ordered(case: RequirementCase, share: float, pieces: list[Seconds]) -> Decision:
     """Decide by the test with its bounds in the metric's unit."""
     sign = 1.0 if case.is_upper_bound else -1.0
-    ranked = RankedMessages([sign * piece for piece in pieces], case.design(allowed_share(share)))
+    tested = _tested(case, allowed_share(share))
+    ranked = RankedMessages([sign * piece for piece in pieces], case.starts, tested)
     interval = percentile_interval(ranked, share)
     lower, upper = sorted((sign * interval.lower, sign * interval.upper))
     bad = sum(int(np.count_nonzero(flags)) for flags in _bad(case, pieces))
     return percentile_decision(
         case,
-        share_test(ranked.sample(bad), allowed_share(share), case.confidence),
+        share_test(replace(ranked.over(bad), bad=bad), allowed_share(share)),
         replace(interval, estimate=sign * interval.estimate, lower=lower, upper=upper),
         method="binomial over windows",
     )
@@ -340,9 +342,7 @@ def _judge_ordered(case: RequirementCase, share: float, pieces: list[Seconds]) -
 def _judge_equality(case: RequirementCase, share: float, pieces: list[Seconds]) -> Decision:
     """Decide by the test alone: with == and != the windows' values have no order that matters."""
     allowed = allowed_share(share)
-    test = share_test(
-        effective_sample(_bad(case, pieces), case.design(allowed)), allowed, case.confidence
-    )
+    test = share_test(_bounds_of_flags(case, _bad(case, pieces), allowed), allowed)
     outcome = decide(passes=test.upper <= test.allowed, fails=test.lower > test.allowed)
     return decision_by_share(
         test,
@@ -354,7 +354,83 @@ def _judge_equality(case: RequirementCase, share: float, pieces: list[Seconds]) 
     )
 
 
-def _bad(case: RequirementCase, pieces: list[Seconds]) -> list[BadFlags]:
+def _bad(case: RequirementCase, pieces: list[Seconds]) -> list[NDArray[np.bool_]]:
     return [
         np.array([not case.is_met(value) for value in piece], dtype=np.bool_) for piece in pieces
     ]
+
+
+# Words.
+
+_MIN_EFFECTIVE_SHARE = 0.95
+_MIN_WHOLE_COUNT = 10
+
+
+def counted_noun(case: RequirementCase) -> str:
+    """What is counted for a metric, in the plural."""
+    if case.in_windows:
+        return f"windows of {show(case.requirement.window_ns / 1e9, 's')}"
+    return case.info.metric.noun
+
+
+def share_sentence(case: RequirementCase, test: ShareTest, outcome: Outcome) -> str:
+    """How many are on the wrong side of the limit, what that shows, and how many are allowed."""
+    seen = (
+        f"{show(test.over, 'count')} of {show(test.n, 'count')} {counted_noun(case)} "
+        f"({_percent(test.share)}) {_wrong_side(case, test)}{_effective_size_text(test)}"
+    )
+    sure = f"at {case.confidence_text}"
+    lower, upper = _percent(test.lower), _percent(test.upper)
+    allowed = show(test.allowed, "share", 6)
+    # A lower bound on a share (drop_rate > x) needs many; every other requirement allows a few.
+    needs_many = not case.in_windows and case.info.quantile is None and not case.is_upper_bound
+    needed = f"and more than {allowed} is required" if needs_many else f"and {allowed} is allowed"
+    if outcome == "inconclusive":
+        return f"{seen}; {sure} the true share is {lower} to {upper}, {needed}."
+    if (outcome == "pass") != needs_many:
+        return f"{seen}; {sure} the true share is at most {upper}, {needed}."
+    return f"{seen}; {sure} the true share is at least {lower}, {needed}."
+
+
+def level_sentence(case: RequirementCase, interval: PercentileInterval, levels: LevelMargin) -> str:
+    """That iterations or starts differ by too much for a percentile to be decided."""
+    unit = case.info.unit
+    return (
+        f"{case.info.name} is {show(interval.estimate, unit)}, but the {levels.number} "
+        f"{levels.pieces} differ by {show(levels.deviation, unit)} (standard deviation); at "
+        f"{case.confidence_text} it is {show(interval.lower, unit)} to "
+        f"{show(interval.upper, unit)}, which includes the limit {case.limit_text}."
+    )
+
+
+def _effective_size_text(test: ShareTest) -> str:
+    """Return the effective sample size, where starts, iterations or stretches differ."""
+    n = test.effective_n
+    if n > _MIN_EFFECTIVE_SHARE * test.n:
+        return ""
+    size = show(n, "count") if n >= _MIN_WHOLE_COUNT else show(n, "", 2)
+    return (
+        f", judged by the scatter of the {test.differ} (effective sample size {size} of "
+        f"{show(test.n, 'count')})"
+    )
+
+
+def _wrong_side(case: RequirementCase, test: ShareTest) -> str:
+    if case.in_windows:
+        return f"do not meet {case.metric_text}"
+    if case.info.statistic == "share":
+        return "got no output"
+    side = "over" if case.is_upper_bound else "under"
+    lost = f", including {show(test.lost, 'count')} lost" if test.lost else ""
+    return f"are {side} {case.limit_text}{lost}"
+
+
+def _percent(share: float) -> str:
+    """A share with two digits; a share below 1 is never written as 100 %."""
+    text = show(share, "share", 2)
+    return text if text != "100 %" or share == 1 else show(min(share, 0.999), "share")
+
+
+def counts_decide(test: ShareTest) -> bool:
+    """Whether the counts alone decide."""
+    return test.upper <= test.allowed or test.lower > test.allowed

@@ -4,20 +4,12 @@ Order statistics
 ----------------
 
 Whether a percentile q lies below a limit is the question whether at most a share 1 - q of all
-messages is over it. If exactly the k largest messages are over the limit, they are tested as k / F
-of n / F independent messages, and the design effect F depends on which messages these are, hence on
-k (`design_effect`). The binomial test says 'pass', 'fail' or neither for each k. With
-
-    k_pass = the largest k such that it passes for every k' <= k
-    k_fail = the smallest k such that it fails for every k' >= k
-
-the requirement passes exactly if the (k_pass + 1)-th largest message is within the limit, and fails
-exactly if the k_fail-th largest is over it. So these two messages are the upper and the lower bound
-on the percentile: comparing them with the limit is the test itself. Requiring it for every k' makes
-the verdict monotone: a looser limit never turns a PASS into less.
-
-F is worked out for some k, each up to 16 and then in steps of a fifth, from either end, and is the
-same from such a k down to the k before.
+messages is over it. If exactly the k largest messages are over the limit, the bounds on that share
+(`r2bspec.judge.statistics.shares`) say 'pass', 'fail' or neither, and more bad messages never give
+a better answer. So the requirement passes exactly if the (k + 1)-th largest message is within the
+limit, with the largest k that passes, and fails exactly if the k-th largest is over it, with the
+smallest k that fails: these two messages are the upper and the lower bound on the percentile, and
+comparing them with the limit is the test itself.
 
 Levels
 ------
@@ -27,10 +19,10 @@ bulk of the messages shows that better: what makes an iteration or a start slowe
 its middle, too.
 
 The level of an iteration (or start) is the mean of the middle half of its values. With the standard
-deviation s of m levels and t at the confidence c, the percentile q of all messages is open by at
+deviation s of m levels and t at the level l, the percentile q of all messages is open by at
 least
 
-    h = t_c s sqrt(1 / m + z^2 s^2 / (s^2 + e^2) / (2 (m - 1))).
+    h = t_l s sqrt(1 / m + z^2 s^2 / (s^2 + e^2) / (2 (m - 1))).
 
 The first part is the interval of a mean over m values. The second is for a percentile of a mixture,
 which lies z = |Phi^-1(q)| standard deviations sqrt(s^2 + e^2) from its middle, where e (1.4826
@@ -40,9 +32,9 @@ a standard error of s / sqrt(2 (m - 1)).
 Few levels show far too small an s as easily as a slightly too large s, and then the tail of the
 mixture is too near. So on the side of its tail a percentile is open by at least
 
-    sqrt(t_c^2 s^2 / m + z^2 (sqrt(u^2 + e^2) - sqrt(s^2 + e^2))^2),     u^2 = (m - 1) s^2 / chi2,
+    sqrt(t_l^2 s^2 / m + z^2 (sqrt(u^2 + e^2) - sqrt(s^2 + e^2))^2),     u^2 = (m - 1) s^2 / chi2,
 
-with chi2 the 1 - c quantile of m - 1 degrees of freedom: u is the upper bound of the deviation, and
+with chi2 the 1 - l quantile of m - 1 degrees of freedom: u is the upper bound of the deviation, and
 the parts are added as in Graybill and Wang, "Confidence intervals on nonnegative linear
 combinations of variances", JASA 75, 1980. Of starts and iterations the wider margin counts.
 """
@@ -51,21 +43,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.measure.times import rank
-from r2bspec.judge.statistics.binomial import last_true, lower_bound, upper_bound
-from r2bspec.judge.statistics.design_effect import (
-    EffectiveSample,
-    SampleDesign,
+from r2bspec.judge.statistics.binomial import last_true
+from r2bspec.judge.statistics.shares import (
+    ShareBounds,
+    ShareLimit,
     pieces_of_levels,
-    sample_of_counts,
+    share_bounds,
+    sizes_of,
 )
 from r2bspec.judge.statistics.t_interval import by_start, deviation_bound, t_quantile
 
@@ -113,99 +104,67 @@ def allowed_share(q: float) -> float:
 
 
 class RankedMessages:
-    """The messages of some iterations in the order of size, and their design effects.
+    """The messages of some iterations in the order of size.
 
     Attributes:
         n: how many there are.
         ordered: all of them, ascending; shape (n,).
     """
 
-    def __init__(self, values: Sequence[NDArray[np.float64]], design: SampleDesign) -> None:
+    def __init__(
+        self, values: Sequence[NDArray[np.float64]], starts: Sequence[int], test: ShareLimit
+    ) -> None:
         """Take one array for each iteration; lost messages are +inf, or -inf for a lower limit.
 
         Args:
             values: in the order they were played.
-            design: their starts, the share that is allowed, and the confidence.
+            starts: the start of each iteration; empty where all belong to the same start.
+            test: of the share that may be over the limit.
         """
-        self.values, self.design = values, design
+        self.values, self.starts, self.test = values, starts, test
         self.ordered = np.sort(np.concatenate([*values, np.empty(0)]))
         self.n = int(self.ordered.size)
-        pieces = pieces_of_levels(values, design.starts)
+        pieces = pieces_of_levels(values, starts)
         self._sorted = {differ: [np.sort(row) for row in rows] for differ, rows in pieces.items()}
-        self._sizes = {
-            differ: np.array([row.size for row in rows]) for differ, rows in pieces.items()
-        }
-        self._ranks = _ranks(self.n)
-        self._effects: dict[int, EffectiveSample] = {}
+        self._sizes = sizes_of(pieces)
+        self._bounds: dict[int, ShareBounds] = {}
 
-    def sample(self, k: int) -> EffectiveSample:
-        """Return the effective sample if the k largest messages are bad."""
-        return replace(self._sample_at(min(rank for rank in self._ranks if rank >= k)), bad=k)
-
-    def _sample_at(self, k: int) -> EffectiveSample:
-        if k not in self._effects:
+    def over(self, k: int) -> ShareBounds:
+        """Return the bounds on the share that is over a limit if the k largest messages are."""
+        if k not in self._bounds:
             least = self.ordered[self.n - k] if k else math.nan
             counts = {
                 differ: np.array([row.size - np.searchsorted(row, least) for row in rows])
                 for differ, rows in self._sorted.items()
             }
-            self._effects[k] = sample_of_counts(counts, self._sizes, self.design)
-        return self._effects[k]
+            self._bounds[k] = share_bounds(counts, self._sizes, self.test)
+        return self._bounds[k]
 
-    def max_passing(self, allowed: float) -> int | None:
-        """Return k_pass; None if not even 0 passes."""
+    def max_passing(self) -> int | None:
+        """Return the largest k that passes; None if not even 0 does."""
 
-        def passes(k: int, f: float) -> bool:
-            return upper_bound(k / f, self.n / f, self.design.confidence) <= allowed
+        def passes(k: int) -> bool:
+            return self.over(k).upper <= self.test.allowed
 
-        best: int | None = None
-        for below, end in pairwise((-1, *self._ranks)):
-            f = self._sample_at(end).effect
-            if not passes(below + 1, f):
-                return best
-            best = last_true(partial(passes, f=f), below + 1, end)
-            if best < end:
-                return best
-        return best
+        return last_true(passes, 0, self.n) if passes(0) else None
 
-    def min_failing(self, allowed: float) -> int | None:
-        """Return k_fail; None if not even n fails."""
+    def min_failing(self) -> int | None:
+        """Return the smallest k that fails; None if not even n does."""
 
-        def is_open(k: int, f: float) -> bool:
-            return lower_bound(k / f, self.n / f, self.design.confidence) <= allowed
+        def is_open(k: int) -> bool:
+            return self.over(k).lower <= self.test.allowed
 
-        best: int | None = None
-        for below, end in reversed([*pairwise((-1, *self._ranks))]):
-            f = self._sample_at(end).effect
-            if is_open(end, f):
-                return best
-            if is_open(below + 1, f):
-                return last_true(partial(is_open, f=f), below + 1, end) + 1
-            best = below + 1
-        return best
-
-
-_EXACT_RANKS = 16
-_RANK_GROWTH = 1.2
-
-
-def _ranks(n: int) -> tuple[int, ...]:
-    """Return the k at which F is worked out, ascending, from 0 to n."""
-    ranks = set(range(min(_EXACT_RANKS, n) + 1))
-    rank_ = float(_EXACT_RANKS)
-    while rank_ < n:
-        rank_ *= _RANK_GROWTH
-        ranks.add(min(math.ceil(rank_), n))
-    return tuple(sorted(ranks | {n - k for k in ranks}))
+        if is_open(self.n):
+            return None
+        return last_true(is_open, 0, self.n) + 1
 
 
 def percentile_interval(ranked: RankedMessages, q: float) -> PercentileInterval:
     """Return the percentile `q` of all messages, at least one, and its one-sided bounds."""
-    n, ordered, design = ranked.n, ranked.ordered, ranked.design
-    passing = ranked.max_passing(allowed_share(q))
-    failing = ranked.min_failing(allowed_share(q))
+    n, ordered = ranked.n, ranked.ordered
+    passing, failing = ranked.max_passing(), ranked.min_failing()
     estimate = float(ordered[rank(q, n) - 1])
-    levels = level_margin(ranked.values, design.starts, q, design.confidence)
+    levels = level_margin(ranked.values, ranked.starts, q, ranked.test.level)
     below, above = (levels.half, levels.tail) if levels is not None else (0.0, 0.0)
     if q < 0.5:
         below, above = above, below
@@ -223,7 +182,7 @@ def percentile_interval(ranked: RankedMessages, q: float) -> PercentileInterval:
 
 
 def level_margin(
-    values: Sequence[NDArray[np.float64]], starts: Sequence[int], q: float, confidence: float
+    values: Sequence[NDArray[np.float64]], starts: Sequence[int], q: float, level: float
 ) -> LevelMargin | None:
     """Return the margin of a percentile of all values.
 
@@ -231,22 +190,22 @@ def level_margin(
         values: one array for each iteration.
         starts: the start of each iteration; empty where all belong to the same start.
         q: the percentile, 0 < q < 1.
-        confidence: of a bound, one-sided.
+        level: of a bound, one-sided.
 
     Returns:
         None with fewer than two levels, or where the middle half of one is lost.
     """
     kept = [value for value in values if value.size]
     numbers = [start for start, row in zip(starts, values, strict=False) if row.size]
-    levels = [middle_half(row) for row in kept]
-    if len(kept) < _MIN_LEVELS or not all(map(math.isfinite, levels)):
+    middles = [middle_half(row) for row in kept]
+    if len(kept) < _MIN_LEVELS or not all(map(math.isfinite, middles)):
         return None
-    apart = [np.abs(row - level) for row, level in zip(kept, levels, strict=True)]
+    apart = [np.abs(row - middle) for row, middle in zip(kept, middles, strict=True)]
     inside = _MAD_TO_DEVIATION * float(np.median(np.concatenate(apart)))
-    margins = [_margin(levels, inside, q, confidence, "iterations")]
+    margins = [_margin(middles, inside, q, level, "iterations")]
     if len(set(numbers)) >= _MIN_LEVELS:
         of_starts = [middle_half(np.concatenate(group)) for group in by_start(kept, numbers)]
-        margins.append(_margin(of_starts, inside, q, confidence, "starts"))
+        margins.append(_margin(of_starts, inside, q, level, "starts"))
     return max(margins, key=lambda margin: margin.tail)
 
 
@@ -262,20 +221,20 @@ def _margin(
     levels: Sequence[float],
     inside: float,
     q: float,
-    confidence: float,
+    level: float,
     pieces: Literal["iterations", "starts"],
 ) -> LevelMargin:
     from scipy.special import ndtri
 
     m = len(levels)
     mean = math.fsum(levels) / m
-    variance = math.fsum((level - mean) ** 2 for level in levels) / (m - 1)
+    variance = math.fsum((middle - mean) ** 2 for middle in levels) / (m - 1)
     total = variance + inside**2
     z = abs(float(ndtri(q)))
     reach = z**2 * variance / total / (2 * (m - 1)) if total > 0 else 0.0
-    t = t_quantile(m - 1, confidence)
+    t = t_quantile(m - 1, level)
     half = t * math.sqrt(variance * (1 / m + reach))
-    largest = deviation_bound(math.sqrt(variance), m, confidence)
+    largest = deviation_bound(math.sqrt(variance), m, level)
     wider = z * (math.hypot(largest, inside) - math.sqrt(total))
     tail = max(half, math.hypot(t * math.sqrt(variance / m), wider))
     return LevelMargin(half, tail, math.sqrt(variance), m, pieces)

@@ -98,7 +98,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, TypeVar
+from typing import Final, Literal, TypeVar
 
 Value = TypeVar("Value")
 
@@ -109,6 +109,21 @@ def by_start(values: Sequence[Value], starts: Sequence[int]) -> list[list[Value]
     for value, start in zip(values, starts, strict=True):
         groups.setdefault(start, []).append(value)
     return [*groups.values()]
+
+
+_SCATTER_ERROR: Final = 0.8
+_SCATTER_ERROR_OF_SHARES: Final = 0.4
+
+
+def scatter_level(confidence: float, *, of_shares: bool = False) -> float:
+    """Return the level of quantiles of t for what differs between a few starts or iterations.
+
+    It makes good what the plain tests ignore: starts that resemble each other a little, deviations
+    that are not normal, and bad messages that are added where few were (`shares`). Of a decision
+    at 95 % it is 96 %; of a PASS of a share, which no margin of levels protects, 98 %
+    (`tests/simulation/tables.py starts`).
+    """
+    return 1 - (1 - confidence) * (_SCATTER_ERROR_OF_SHARES if of_shares else _SCATTER_ERROR)
 
 
 def t_quantile(freedom: float, confidence: float) -> float:

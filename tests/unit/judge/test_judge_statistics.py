@@ -8,13 +8,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy import stats
 
-from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
-from r2bspec.judge.statistics.design_effect import BadFlags, SampleDesign, effective_sample
+from r2bspec.judge.statistics.binomial import (
+    lower_bound,
+    min_sample_size,
+    upper_bound,
+    zero_failure_bound,
+)
 from r2bspec.judge.statistics.more_pieces import advice, mean_decides, more_pieces, share_decides
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
-from r2bspec.judge.statistics.rule_of_three import min_sample_size, zero_failure_bound
+from r2bspec.judge.statistics.shares import ShareBounds, ShareLimit, bounds_of_flags
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.judge.statistics.trend import lagged_products, significant_inflation
 from r2bspec.language.benchmark_defaults import CONFIDENCE
@@ -97,30 +102,26 @@ class TestPercentileInterval:
 
     @pytest.mark.parametrize("n", [10, 59, 300, 2000])
     @pytest.mark.parametrize("quantile", [0.5, 0.9, 0.99])
-    def test_comparing_bounds_is_the_binomial_test(self, n: int, quantile: float) -> None:
+    def test_comparing_bounds_is_the_test_on_counts(self, n: int, quantile: float) -> None:
         values = np.random.default_rng(n).exponential(size=n)
-        allowed = 1 - quantile
-        ranked = RankedMessages([values], SampleDesign(allowed=allowed))
+        test = share_limit(1 - quantile)
+        ranked = RankedMessages([values], (), test)
         interval = percentile_interval(ranked, quantile)
         for limit in np.quantile(values, np.linspace(0, 1, 101)):
-            worth = ranked.sample(int(np.count_nonzero(values > limit)))
-            upper = upper_bound(worth.bad_messages, worth.messages, 0.95)
-            lower = lower_bound(worth.bad_messages, worth.messages, 0.95)
-            if interval.upper <= limit:
-                assert upper <= allowed + 1e-12
-            if interval.lower > limit:
-                assert lower > allowed - 1e-12
+            found = ranked.over(int(np.count_nonzero(values > limit)))
+            assert (interval.upper <= limit) == (found.upper <= test.allowed)
+            assert (interval.lower > limit) == (found.lower > test.allowed)
 
     def test_independent_messages_are_judged_as_independent(self) -> None:
-        # Each hundredth message is slow, so that no stretch differs from the others.
-        values = np.concatenate([*np.arange(3000.0).reshape(100, 30).T])
-        interval = percentile_interval(RankedMessages([values], SampleDesign()), 0.99)
+        # No stretch of 300 messages differs from the others.
+        values = np.concatenate([np.arange(float(first), 3000, 10) for first in range(10)])
+        interval = percentile_interval(RankedMessages([values], (), share_limit(0.01)), 0.99)
         # At most 20 may be over to pass, at least 40 must be to fail.
-        assert (interval.lower, interval.estimate, interval.upper) == (2960, 2969, 2980)
+        assert (interval.lower, interval.estimate, interval.upper) == (2960, 2969, 2979)
 
     def test_too_few_messages_bound_nothing(self) -> None:
         def upper(n: int) -> float:
-            ranked = RankedMessages([np.arange(float(n))], SampleDesign())
+            ranked = RankedMessages([np.arange(float(n))], (), share_limit(0.01))
             return percentile_interval(ranked, 0.99).upper
 
         assert upper(298) == np.inf
@@ -128,11 +129,15 @@ class TestPercentileInterval:
 
     def test_lost_messages_are_infinitely_late(self) -> None:
         values = np.random.default_rng(1).permutation([1.0] * 97 + [np.inf] * 3)
-        interval = percentile_interval(RankedMessages([values], SampleDesign()), 0.95)
+        interval = percentile_interval(RankedMessages([values], (), share_limit(0.05)), 0.95)
         assert (interval.estimate, interval.upper) == (1.0, np.inf)
 
 
-def flags(*bad: int, n: int = 100) -> list[BadFlags]:
+def share_limit(allowed: float) -> ShareLimit:
+    return ShareLimit(allowed, confidence=0.95, level=0.96)
+
+
+def flags(*bad: int, n: int = 100) -> list[NDArray[np.bool_]]:
     """Iterations with so many bad messages each, far apart."""
     found = []
     for number in bad:
@@ -145,69 +150,59 @@ def flags(*bad: int, n: int = 100) -> list[BadFlags]:
 STARTS = (1, 1, 2, 2, 3, 3, 4, 4, 5, 5)
 
 
-class TestDesignEffect:
-    BAD = (2, 2, 9, 9, 2, 2, 9, 9, 2, 2)
+def shared(*bad: int, n: int = 100, starts: tuple[int, ...] = STARTS) -> ShareBounds:
+    """The bounds of a share of 1 % with so many bad messages in each iteration."""
+    return bounds_of_flags(flags(*bad, n=n), starts, share_limit(0.01))
 
+
+class TestShares:
     @pytest.mark.parametrize("share", [0, 1])
     def test_where_nothing_differs_there_is_nothing_to_estimate(self, share: int) -> None:
-        assert effective_sample([np.full(100, bool(share))]).effect == 1.0
+        found = bounds_of_flags([np.full(100, bool(share))], (), share_limit(0.01))
+        assert (found.effect, found.differ) == (1.0, "")
 
     def test_no_iteration_and_empty_iterations(self) -> None:
-        assert effective_sample([]).n == 0
+        assert bounds_of_flags([], (), share_limit(0.01)).n == 0
         empty = np.zeros(0, dtype=bool)
-        assert effective_sample([empty, *flags(1, n=10)]).n == 10
+        assert bounds_of_flags([empty, *flags(1, n=10)], (), share_limit(0.01)).n == 10
+
+    def test_even_counts_have_the_bounds_of_clopper_and_pearson(self) -> None:
+        found = shared(3, 3, 3, 3, 3, 3, 3, 3, 3, 3)
+        assert found.upper == pytest.approx(upper_bound(30, 1000, 0.95))
+        assert found.lower == pytest.approx(lower_bound(30, 1000, 0.95))
 
     def test_what_starts_share_counts_once(self) -> None:
-        alone, shared, agreeing = (
-            effective_sample(flags(*bad), SampleDesign(starts))
-            for bad, starts in (
-                (self.BAD, ()),
-                (self.BAD, STARTS),
-                ((1, 9, 9, 1, 1, 9, 9, 1, 1, 9), STARTS),
-            )
-        )
-        assert (shared.differ, agreeing.differ) == ("starts", "iterations")
-        assert shared.effect > 1.5 * alone.effect
-
-    def test_two_pieces_pay_by_their_t_quantile(self) -> None:
-        found = effective_sample(flags(2, 10))
-        p = 12 / 200
-        scatter = (100 * (0.02 - p) ** 2 + 100 * (0.1 - p) ** 2) / (p * (1 - p))
-        factor = (stats.t.ppf(0.95, 1) / stats.norm.ppf(0.95)) ** 2
-        assert found.effect == pytest.approx(scatter * factor, rel=1e-5)
-
-    def test_a_run_of_the_better_starts_does_not_look_uniform(self) -> None:
-        seen = effective_sample(flags(0, 0, 6, 0, 0))
-        asked = effective_sample(flags(0, 0, 6, 0, 0), SampleDesign(allowed=0.1))
-        worse = effective_sample(flags(0, 0, 6, 0, 0), SampleDesign(allowed=0.001))
-        assert asked.effect > 2 * seen.effect
-        assert worse.effect == seen.effect
+        bad = (2, 2, 9, 9, 2, 2, 9, 9, 2, 2)
+        by_starts, alone = shared(*bad), shared(*bad, starts=())
+        assert by_starts.differ == "starts"
+        assert by_starts.lower < alone.lower
 
     def test_a_burst_in_a_single_iteration_counts_by_stretches(self) -> None:
         late = np.zeros(3000, dtype=bool)
         late[500:505] = late[1500:1505] = True
-        found = effective_sample([late])
-        assert found.differ == "stretches"
-        assert found.effect > 3
+        found = bounds_of_flags([late], (), share_limit(0.01))
+        assert found.upper > 1.2 * upper_bound(10, 3000, 0.95)
 
     @given(st.permutations(range(5)), st.lists(st.integers(0, 9), min_size=10, max_size=10))
     def test_the_order_of_starts_does_not_count(self, order: list[int], bad: list[int]) -> None:
-        pieces = flags(*bad)
-        moved = [pieces[2 * start + place] for start in order for place in (0, 1)]
-        design = SampleDesign(STARTS, 0.01)
-        assert effective_sample(moved, design) == effective_sample(pieces, design)
+        moved = [bad[2 * start + place] for start in order for place in (0, 1)]
+        assert shared(*moved) == shared(*bad)
 
-    @pytest.mark.parametrize("lost", [(1, 0, 0, 0, 0), (1, 1, 0, 0, 0), (1, 1, 1, 0, 0)])
-    def test_fewer_losses_give_no_worse_bound(self, lost: tuple[int, ...]) -> None:
-        """Of 750 messages of five starts."""
-
-        def bound(*bad: int) -> float:
-            sample = effective_sample(flags(*bad, n=150), SampleDesign((1, 2, 3, 4, 5), 0.01))
-            return upper_bound(sample.bad_messages, sample.messages, 0.95)
-
-        first = next(at for at, count in enumerate(lost) if count)
-        fewer = (*lost[:first], lost[first] - 1, *lost[first + 1 :])
-        assert bound(*fewer) <= bound(*lost)
+    @given(
+        st.lists(st.tuples(st.integers(0, 40), st.integers(0, 40)), min_size=2, max_size=10),
+        st.integers(40, 400),
+        st.sampled_from([0.005, 0.01, 0.1, 0.5]),
+    )
+    def test_fewer_bad_messages_give_no_worse_bound(
+        self, counts: list[tuple[int, int]], n: int, allowed: float
+    ) -> None:
+        starts = tuple(1 + place // 2 for place in range(len(counts)))
+        fewer, more = (
+            bounds_of_flags(flags(*bad, n=n), starts, share_limit(allowed))
+            for bad in (map(min, counts), map(max, counts))
+        )
+        assert fewer.upper <= more.upper
+        assert fewer.lower <= more.lower
 
 
 class TestMorePieces:
