@@ -138,6 +138,7 @@ class Decision:
     over: int | None = None
     share: ShareTest | None = None
     rule_of_three: float | None = None
+    untested: str = ""
     notes: tuple[str, ...] = ()
 
 

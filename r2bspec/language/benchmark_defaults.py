@@ -26,13 +26,18 @@ DEFAULT_STARTS: Final = 5
 MAX_STARTS: Final = 1000
 """The most that a spec can ask for."""
 
+LEAST_STARTS: Final = 3
+"""The fewest of several starts: of two, the difference tells next to nothing of how starts vary,
+and a verdict on two is more often open than on one."""
+
 MIN_ITERATIONS: Final = 2
 """The fewest iterations of a start: with one, starts and iterations could not be told apart."""
 
 
 def default_starts(iterations: int) -> int:
-    """The number of starts for a number of iterations at each rate; at least 1."""
-    return max(1, min(DEFAULT_STARTS, iterations // MIN_ITERATIONS))
+    """The number of starts for a number of iterations at each rate: 1, or at least three."""
+    starts = min(DEFAULT_STARTS, iterations // MIN_ITERATIONS)
+    return starts if starts >= LEAST_STARTS else 1
 
 
 PROBE: Final = Duration(10 * 10**9)

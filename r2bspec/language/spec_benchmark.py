@@ -584,8 +584,8 @@ class Benchmark(Pacing, frozen=True, kw_only=True):
         duration: The duration of one iteration.
         iterations: The number of iterations at each rate, over all starts.
         starts: How often all processes are started afresh at most, each time for a part of the
-            iterations. Default: 5, but each start has at least two iterations; 1 for graphs with
-            external nodes.
+            iterations: once, or at least 3 times. Default: 5, or as many as have two iterations
+            each; 1 for graphs with external nodes.
         max_iterations: The maximum number of iterations at each rate while a verdict is
             inconclusive.
         anatomy: Observe the processes of the graph, or of the listed nodes alone, from inside in

@@ -64,7 +64,7 @@ def test_a_pass_that_a_rare_stop_would_break_says_how_often_what_it_met_recurs(n
         # The truth is at most 15 % below, and the limit just above it.
         verdict = required(search.record, max(search.truth_hz * 1.001, lower_hz * 0.85))
         if verdict is not None and verdict.outcome == "pass" and search.result == "rarer":
-            assert "confidence for what recurs within" in verdict.reason
+            assert "confidence of one start, for what recurs within" in verdict.reason
             assert search.record.recurs_s < search.every_s
 
 

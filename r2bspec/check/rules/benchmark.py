@@ -15,7 +15,7 @@ from r2bspec.diagnostics.quote import quote
 from r2bspec.judge.measure.metric import Scope
 from r2bspec.judge.measure.metric_catalogue import listed
 from r2bspec.judge.statistics.binomial import min_sample_size
-from r2bspec.language.benchmark_defaults import MIN_CONFIDENCE
+from r2bspec.language.benchmark_defaults import LEAST_STARTS, MIN_CONFIDENCE
 from r2bspec.language.quantities import Rate
 from r2bspec.language.spec import Monitor, Objective
 from r2bspec.plan.interim_looks import InterimLooks
@@ -72,6 +72,18 @@ def benchmark_without_rate(context: Context) -> Findings:
             key=True,
             help="add 'rates: [30 Hz]' or 'search: {min: 5 Hz, max: 200 Hz}' under 'benchmark'",
             suppresses=frozenset(at),
+        )
+
+
+@rule("R2B535")
+def too_few_starts(context: Context) -> Findings:
+    """Two starts, of which a verdict is more often open than of one."""
+    starts = context.spec.benchmark.starts
+    if starts is not None and 1 < starts < LEAST_STARTS:
+        yield Finding(
+            message=f"{starts} starts do not show by how much starts differ",
+            path=("benchmark", "starts"),
+            help=f"set 'starts' to {LEAST_STARTS} or more, or to 1 for a verdict on one start",
         )
 
 

@@ -1,4 +1,6 @@
-"""A bound on the peak rate, by the bracket in which the search ended, and what refutes it.
+"""How a peak rate is decided: by the bracket in which the search ended, and what refutes it.
+
+A search is made in one start, and its confidence is about that start.
 
 The peak lies between the highest sustained rate and the lowest rate that was not sustained. A
 bracket decides a bound that lies outside it, and only that. A lower end that was not proven by a
@@ -29,6 +31,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -42,6 +45,7 @@ from r2bspec.judge.requirement_case import Decision, RequirementCase, decide, un
 from r2bspec.judge.statistics.binomial import lower_bound
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.judge.statistics.trend import trend
+from r2bspec.judge.verdict import Outcome
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.record.run_record import RunRecord, SearchRecord
 
@@ -76,19 +80,41 @@ def judge_peak(case: RequirementCase, record: RunRecord) -> Decision:
         lower=proven,
         upper=upper,
         n=len(search.probes),
+        untested=_other_start_text(case, outcome, proven, upper),
+    )
+
+
+_STARTS_DIFFER: Final = 1.1
+"""Peaks of starts of one graph differ by 3 to 5 % and hardly by more than this factor."""
+
+
+def _other_start_text(
+    case: RequirementCase, outcome: Outcome, lower: float | None, upper: float | None
+) -> str:
+    """Return that another start may decide otherwise, where the limit is close to the bracket."""
+    above = (outcome == "fail") == case.is_upper_bound
+    end, limit = lower if above else upper, case.limit
+    if outcome == "inconclusive" or not end or limit <= 0:
+        return ""
+    if (end / limit if above else limit / end) > _STARTS_DIFFER:
+        return ""
+    return (
+        "The search was made in one start, and starts of one graph often differ by 3 to 5 %: "
+        "another start may decide otherwise."
     )
 
 
 def bracket_confidence(search: SearchRecord) -> str:
-    """Such as ``95 % confidence for what recurs within 28 s``; empty for a bracket without one.
+    """Such as ``95 % confidence of one start, for what recurs within 28 s``; empty for one without.
 
-    No stop can have been met where others took a part of the time of every play.
+    A search is made in one start. No stop can have been met where others took a part of the time of
+    every play.
     """
     if not search.shown or not search.confidence:
         return ""
     recurs = show(search.recurs_s, "s", 2)
-    met = f" for what recurs within {recurs}" if search.recurs_s else ", stops apart"
-    return f"{show(search.confidence, 'share', 4)} confidence{met}"
+    met = f"for what recurs within {recurs}" if search.recurs_s else "stops apart"
+    return f"{show(search.confidence, 'share', 4)} confidence of one start, {met}"
 
 
 def _at_least(case: RequirementCase, lower: float | None) -> bool:

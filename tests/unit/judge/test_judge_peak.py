@@ -119,9 +119,11 @@ def test_a_bracket_without_doubts_has_its_confidence() -> None:
 def test_a_confidence_says_what_it_is_for() -> None:
     # Of what comes every T seconds, none is met in 3 T in one of twenty runs.
     assert changed(watched_s=90.0).recurs_s == pytest.approx(30.0, rel=2e-3)
-    assert "95 % confidence for what recurs within 30 s" in peak_text(changed(watched_s=90.0))
+    assert "95 % confidence of one start, for what recurs within 30 s" in peak_text(
+        changed(watched_s=90.0)
+    )
     assert changed(watched_s=90.0, confidence=0.0).recurs_s == 0.0
-    assert "95 % confidence, stops apart" in peak_text(changed(watched_s=0.0))
+    assert "95 % confidence of one start, stops apart" in peak_text(changed(watched_s=0.0))
 
 
 @pytest.mark.parametrize("requirement", ["peak.rate >= 95 Hz", "peak.rate <= 102 Hz"])
@@ -130,7 +132,9 @@ def test_a_verdict_has_the_confidence_of_its_bracket_and_no_note_that_all_have(
 ) -> None:
     found = ask(samples_of(changed(watched_s=90.0)), requirement)
     assert found.outcome == "pass"
-    assert found.reason.endswith("It has 95 % confidence for what recurs within 30 s.")
+    assert found.reason.endswith(
+        "It has 95 % confidence of one start, for what recurs within 30 s."
+    )
     assert found.notes == ()
     unsteady = changed(watched_s=90.0, unsteady=("it drifts",), unsteady_ratio=1.01)
     assert "confidence" not in ask(samples_of(unsteady), requirement).reason
