@@ -76,7 +76,7 @@ def benchmark_without_rate(context: Context) -> Findings:
 
 
 @rule("R2B535")
-def too_few_starts(context: Context) -> Findings:
+def two_starts(context: Context) -> Findings:
     """Two starts, of which a verdict is more often open than of one."""
     starts = context.spec.benchmark.starts
     if starts is not None and 1 < starts < LEAST_STARTS:

@@ -212,7 +212,7 @@ def spec_with(**sections: str) -> Spec:
         ("{rates: [30 Hz]}", 5),
         ("{rates: [30 Hz], iterations: 1}", 1),
         ("{rates: [30 Hz], iterations: 3}", 1),
-        ("{rates: [30 Hz], iterations: 4}", 2),
+        ("{rates: [30 Hz], iterations: 4}", 1),
         ("{rates: [30 Hz], iterations: 7}", 3),
         ("{rates: [30 Hz], iterations: 10}", 5),
         ("{rates: [30 Hz], iterations: 100}", 5),
