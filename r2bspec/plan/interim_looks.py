@@ -10,9 +10,10 @@ extended (`max_iterations`), after 1, 2 and 4 times the declared iterations, too
 
 A run that is judged again and again until it passes is bound to pass in the end: three unplanned
 looks at the 95 % level pass one bad graph in ten. Room costs more than a look could gain, so that
-looks before the declared starts have the whole error alpha = 1 - confidence. Those that extend a
-run share it with the look at the declared starts. Most of it is left for the last of L looks, so
-that a long run decides nearly what it would if it were judged once:
+looks before the declared starts take next to nothing of the error alpha = 1 - confidence; each is
+made at 0.7 alpha. Those that extend a run share it with the look at the declared starts. Most of it
+is left for the last of L looks, so that a long run decides nearly what it would if it were judged
+once:
 
                               the last        each of the others
     after a start             0.7 alpha       alpha L^(-1.1)
@@ -43,6 +44,9 @@ to look, so that the sum is not used up (`tests/simulation/test_simulation_turns
 
 FIRST_LOOK: Final = 3
 """After so many starts; fewer are judged only at the end of a run that has no more."""
+
+_EARLY_SHARE: Final = 0.7
+"""Of the error, for each look before the declared starts, which needs room."""
 
 FIRST_LOOK_BY_TURNS: Final = 5
 
@@ -151,7 +155,9 @@ class InterimLooks:
         if self.by_turns:
             return _SHARE_BY_TURNS
         sharing = sum(end >= self.declared for end in self.iterations)
-        if sharing == 1 or self.iterations[look - 1] < self.declared:
+        if self.iterations[look - 1] < self.declared:
+            return _EARLY_SHARE
+        if sharing == 1:
             return 1.0
         if self.after_starts:
             return 0.7 if look == len(self) else sharing**-1.1

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulated_gates import CONFIDENCE, Errors, percentile_outcome, share_outcome
+from simulated_gates import CONFIDENCE, Errors, chance, percentile_outcome, share_outcome
 
 from nightly import size
 from r2bspec.judge.measure.times import rank
@@ -48,7 +48,7 @@ def test_errors_on_recorded_latencies(quantile: float, messages: int) -> None:
     counted, judged = wrong(quantile, messages)
     assert counted.failed <= 0.06
     assert counted.passed <= 0.12
-    assert max(judged.shares) <= 0.08
+    assert max(judged.shares) <= chance(0.05, judged.runs)
 
 
 def test_of_a_p99_most_runs_have_met_too_few_bursts() -> None:
