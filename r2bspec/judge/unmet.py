@@ -108,7 +108,8 @@ def untested(case: RequirementCase, verdict: RequirementVerdict) -> str:
     """
     starts = len(set(case.starts))
     texts = [_burst_text(case, verdict), _tail_text(case, verdict)]
-    if starts > 1 and case.info.statistic != "share" and not case.in_windows:
+    is_passed_share = case.info.statistic == "share" and verdict.outcome == "pass"
+    if starts > 1 and not is_passed_share and not case.in_windows:
         texts.append(other_starts(starts, _room(case, verdict), verdict, "starts"))
     return next(filter(None, texts), "")
 
@@ -139,11 +140,15 @@ def other_starts(number: int, room: float, verdict: RequirementVerdict, pieces: 
     unmet = zero_failure_bound(number, CONFIDENCE)
     if unmet <= room:
         return ""
-    worse, would = ("worse", "break") if verdict.outcome == "pass" else ("better", "meet")
+    worse, would = ("are a fifth worse", "break")
+    if verdict.outcome != "pass":
+        worse, would = ("are a fifth better", "meet")
+    if verdict.metric.endswith("drop_rate"):
+        worse = "lose a fifth" if verdict.outcome == "pass" else "lose nothing"
     return (
         f"{number} {pieces} do not rule out another kind of start, up to "
         f"{show(unmet, 'share', 2)} of all, or that each start resembles the one before: starts "
-        f"that are a fifth {worse} would {would} the limit."
+        f"that {worse} would {would} the limit."
     )
 
 

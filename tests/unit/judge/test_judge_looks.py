@@ -191,7 +191,7 @@ class TestAWholeRun:
             ("latency.p99 < 30 ms", "bursts of 20"),
             ("drop_rate <= 2 %", "bursts of 20"),
             ("drop_rate <= 18 %", "room"),
-            ("drop_rate <= 7 %", "starts do not rule out"),
+            ("drop_rate <= 7.5 %", "starts do not rule out"),
             ("latency.p50 < 30 ms in 50 % of 1 s windows", "of what is counted"),
         ],
     )
