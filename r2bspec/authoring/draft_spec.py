@@ -14,7 +14,7 @@ from pathlib import Path
 from r2bspec.bags.message_types import begins_with_header
 from r2bspec.bags.recording import BagIndex, TimeWindow, TopicInfo
 from r2bspec.interop.spec_text import Block, document, identifier, unique_name
-from r2bspec.judge.statistics.binomial import min_sample_size
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.names import MESSAGE_TYPE, TOPIC

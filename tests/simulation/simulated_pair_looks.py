@@ -14,7 +14,7 @@ from simulated_gates import CONFIDENCE, Errors, ratio_outcome
 from simulated_starts import QUANTILES, Shape, StartWorld
 
 from nightly import size
-from r2bspec.judge.statistics.binomial import zero_failure_bound
+from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.statistics.t_interval import RatioInterval, paired_ratio
 from r2bspec.judge.unmet import decided_in_bursts, room_of_mean
 from r2bspec.plan.interim_looks import InterimLooks

@@ -11,7 +11,7 @@ from simulated_gates import KINDS, confirmed_gates, looked_gate, share_gate
 from simulated_worlds import WORLDS, stationary
 
 from nightly import noise, size
-from r2bspec.judge.statistics.binomial import zero_failure_bound
+from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.statistics.t_interval import scatter_level
 from r2bspec.plan.interim_looks import InterimLooks
 

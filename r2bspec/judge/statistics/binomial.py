@@ -1,4 +1,4 @@
-"""What counts of independent messages show of a share: exact binomial tests, and the rule of three.
+"""The exact binomial test on a share, and its confidence bounds.
 
 Of n messages, k are over a bound; the share p of all messages that are over is unknown, and k is
 binomial(n, p) if messages are independent. One-sided tests at the level alpha = 1 - confidence
@@ -12,22 +12,16 @@ alpha < 1/2. The Clopper-Pearson bounds are the same tests turned round: the upp
 largest p, the lower bound the smallest, that k does not contradict.
 
 Messages that are not independent have a smaller effective sample size, and neither k nor n need be
-whole then (`shares`). The binomial distribution function is an incomplete beta function,
+whole then (`shares`). The binomial distribution function is an incomplete beta
+function,
 
     P(X <= k | p) = I_(1-p)(n - k, k + 1)        P(X >= k | p) = I_p(k, n - k + 1),
 
 which is defined between whole numbers as well, and is used there.
-
-Without a failure this has a closed form, which needs no SciPy. If a share p of all messages is over
-a bound, n independent messages show none with probability (1 - p)^n. So after n messages with none
-over, p is at most the p for which that is 1 - c, at the confidence c:
-
-    (1 - p)^n = 1 - c        p = 1 - (1 - c)^(1/n)        n = ln(1 - c) / ln(1 - p)
 """
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_left
 from collections.abc import Callable
 
@@ -62,31 +56,3 @@ def last_true(holds: Callable[[int], bool], low: int, high: int) -> int:
     `holds(low)` must be true.
     """
     return low + bisect_left(range(low + 1, high + 1), True, key=lambda k: not holds(k))
-
-
-def zero_failure_bound(n: int, confidence: float) -> float:
-    """The upper bound on the share of failures after n messages without one.
-
-    At 95 % it is close to 3/n, the rule of three, because -ln 0.05 = 2.996.
-
-    Args:
-        n: at least 1.
-        confidence: between 0 and 1.
-    """
-    return -math.expm1(math.log1p(-confidence) / n)
-
-
-def min_sample_size(max_share: float, confidence: float) -> int | None:
-    """The fewest messages, none over the bound, that prove a share of at most `max_share`.
-
-    For p99 (1 %) and p90 (10 %) they are 299 and 29 at 95 %, 459 and 44 at 99 %.
-
-    Returns:
-        None if no number of messages is enough.
-    """
-    if max_share <= 0 or confidence >= 1:
-        return None
-    if max_share >= 1:
-        return 1
-    # 0.9 is not exact in binary: a number that is whole but for rounding is taken as whole.
-    return max(1, math.ceil(math.log1p(-confidence) / math.log1p(-max_share) - 1e-9))
