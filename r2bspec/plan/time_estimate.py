@@ -15,7 +15,7 @@ from r2bspec.diagnostics.quote import time_text
 from r2bspec.language.benchmark_defaults import PROBE, SEARCH_CONFIRMATIONS, SEARCH_PROBES
 from r2bspec.language.spec import StartWaits
 from r2bspec.plan.comparability import pair_count, single_run_plan, without_overhead
-from r2bspec.plan.interim_looks import FIRST_LOOK
+from r2bspec.plan.interim_looks import FIRST_LOOK, FIRST_LOOK_BY_TURNS
 from r2bspec.plan.plan import Plan, PlayPlan
 
 _LOAD_S = 0.5
@@ -181,7 +181,7 @@ def estimate_turns(plan: Plan, starts: int, steps: int, *, base_alone: bool) -> 
         {BOTH_SIDES: start_s},
         once_s + most * start_s,
         starts,
-        min(starts, FIRST_LOOK),
+        min(starts, FIRST_LOOK_BY_TURNS),
         "starts of both sides",
         once_s,
     )
