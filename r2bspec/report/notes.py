@@ -111,7 +111,7 @@ def _weighted(result: Result) -> Iterator[Note]:
         (Weight.BROKEN, _exit_notes(result)),
         (Weight.BUSY, _busy_notes(result)),
         (Weight.OPEN, _requirement_notes(result, ("fail", "inconclusive"))),
-        (Weight.OPEN, _untested(result)),
+        (Weight.OPEN, _untested(result, met=True)),
         (of_host, _interference_notes(result)),
         (Weight.DETAIL, (f"{text[:1].upper()}{text[1:]}" for text in decisions)),
         (Weight.PLAYED, unplayed_notes(result)),
@@ -128,6 +128,7 @@ def _weighted(result: Result) -> Iterator[Note]:
         ),
         (Weight.PLAYED, profile_notes(result.profiles)),
         (Weight.DETAIL, _live_notes(result)),
+        (Weight.DETAIL, _untested(result, met=False)),
         (Weight.DETAIL, _joined_notes(result)),
         (Weight.DETAIL, _reception_notes(result)),
         (Weight.DETAIL, _requirement_notes(result, ("pass",))),
@@ -243,11 +244,14 @@ def _requirement_notes(result: Result, outcomes: Sequence[str]) -> Iterator[str]
         yield f"{first_words(where, 1)}: {text}"
 
 
-def _untested(result: Result) -> Iterator[str]:
-    """What would change a verdict and cannot be seen in the run."""
+def _untested(result: Result, *, met: bool) -> Iterator[str]:
+    """Yield what would change a verdict and cannot be seen in the run.
+
+    Where a run has met nothing bad, that is true of every run of its length, and a detail.
+    """
     several = wording.several_monitors(result.verdict)
     for verdict in result.verdict.requirements:
-        if verdict.untested:
+        if verdict.untested and met == (verdict.share is None or verdict.share.over > 0):
             yield f"{_where(verdict, several=several)}: {verdict.untested}"
 
 

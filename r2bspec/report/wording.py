@@ -135,7 +135,7 @@ def _decisive(result: Result) -> str:
     if blocking:
         telling = max(blocking, key=_openness)
         number = f"{len(blocking)} of {len(counted)} open, " if len(counted) > 1 else "open is "
-        if open_on_busy_machine(telling, result):
+        if all(open_on_busy_machine(requirement, result) for requirement in blocking):
             return f"{number}{value(telling)}: not shown on this busy machine{_decided(ratios)}"
         # What would decide it is the last sentence; the table has the others.
         remedy = telling.remedy.rstrip(".").rpartition(". ")[2]

@@ -69,7 +69,7 @@ SPEC: dict[str, Any] = {
 
 @pytest.fixture(scope="module")
 def done(bench: Bench) -> Finished:
-    return bench.run(SPEC)
+    return bench.run(SPEC, "--verbose")
 
 
 @pytest.fixture(scope="module")
