@@ -99,11 +99,11 @@ def test_every_start_joins_fresh_processes(bench: Bench) -> None:
     first = relay_node(remappings={"output": "middle"})
     second = c_node_spec("relay", remappings={"input": "middle"})
     spec = relay_spec(harness=GRAPH, graph={"nodes": {"first": first, "second": second}})
-    spec["benchmark"] |= {"starts": 2, "iterations": 4, "duration": "250 ms"}
+    spec["benchmark"] |= {"starts": 3, "iterations": 6, "duration": "250 ms"}
     done = bench.run(spec)
-    done.assert_counts(4 * 5)
+    done.assert_counts(6 * 5)
     names = Counter(listed.name for listed in done.run().record.processes)
-    assert names == {"harness.observer": 2, "first": 2, "second": 2}
+    assert names == {"harness.observer": 3, "first": 3, "second": 3}
     joined = {listed.name: listed.parts for listed in done.run().record.processes if listed.parts}
     assert joined == {"first": ("player",), "second": ("monitor",)}
     assert "Process first contains the player of the harness" in done.stdout

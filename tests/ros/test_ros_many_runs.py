@@ -45,7 +45,8 @@ def test_a_folder_of_specs_is_run_with_one_summary(bench: Bench) -> None:
         assert (done.status, outcomes) == (1, {"good": "pass", "late": "fail"})
     for run in runs.values():
         assert (Path(run["folder"]) / "record.json").is_file()
-        assert [row["offered_hz"] for row in run["rows"]] == [20]
+        result = json.loads((Path(run["folder"]) / "result.json").read_text())
+        assert [rate["offered_hz"] for rate in result["metrics"]["rates"]] == [20]
     assert f"run folder: {done.folder}" in done.stderr
 
 

@@ -59,8 +59,8 @@ def spec(counter: str, *, iterations: int, starts: int, **changes: Any) -> dict[
 
 @pytest.fixture(scope="module")
 def done(bench: Bench) -> Finished:
-    """Two starts, with the overhead of the harness."""
-    used = spec("starts.txt", iterations=ITERATIONS, starts=2, playback=MEASURED)
+    """Three starts, with the overhead of the harness."""
+    used = spec("starts.txt", iterations=ITERATIONS, starts=3, playback=MEASURED)
     finished = bench.run(used)
     finished.assert_complete()
     return finished
@@ -86,17 +86,17 @@ def phase(done: Finished, name: str, number: int = 0) -> tuple[int, int]:
 
 def test_each_start_has_fresh_processes_and_its_part_of_the_iterations(done: Finished) -> None:
     assert starts_of(done, "iteration") == [
-        (f"rate-20Hz-{number:03d}", start) for number, start in enumerate((1, 1, 1, 2, 2), start=1)
+        (f"rate-20Hz-{number:03d}", start) for number, start in enumerate((1, 1, 2, 2, 3), start=1)
     ]
     # Each start warms up, once or more often, under an id of its own.
     warmed = starts_of(done, "warm_up")
     assert len(set(warmed)) == len(warmed)
-    assert {start for _, start in warmed} == {1, 2}
+    assert {start for _, start in warmed} == {1, 2, 3}
     # Those that import ROS are started before the player.
     names = [process.name for process in done.run().record.processes]
     assert names[:4] == [*PROCESSES]
-    assert sorted(names) == sorted(2 * PROCESSES)
-    assert len({process.pid for process in done.run().record.processes}) == 2 * len(PROCESSES)
+    assert sorted(names) == sorted(3 * PROCESSES)
+    assert len({process.pid for process in done.run().record.processes}) == 3 * len(PROCESSES)
     # The node itself says so, in one log.
     said = [line for line in done.log("relay").splitlines() if line.startswith("start ")]
     assert said == [
@@ -106,7 +106,9 @@ def test_each_start_has_fresh_processes_and_its_part_of_the_iterations(done: Fin
 
 def test_a_start_is_complete_before_its_first_iteration(done: Finished) -> None:
     record = done.run().record
-    assert [(each.number, each.confirms) for each in record.starts] == [(1, False), (2, False)]
+    assert [(each.number, each.confirms) for each in record.starts] == [
+        (number, False) for number in (1, 2, 3)
+    ]
     for start in record.starts:
         own = [segment for segment in record.segments if segment.start == start.number]
         assert all(start.began_ns < each.began_ns for each in own)
@@ -178,7 +180,7 @@ def test_what_was_played_for_the_overhead_is_in_no_segment(done: Finished) -> No
 
 
 def test_a_node_that_exits_in_a_later_start_leaves_what_was_measured(bench: Bench) -> None:
-    done = bench.run(spec("fatal.txt", iterations=4, starts=2, parameters={"fatal_start": 2}))
+    done = bench.run(spec("fatal.txt", iterations=6, starts=3, parameters={"fatal_start": 2}))
     assert done.status == ExitStatus.RUN_FAILED
     assert "process relay exited with status 9" in done.error
     assert "(in start 2)" in done.error
@@ -196,7 +198,7 @@ def test_a_node_that_exits_in_a_later_start_leaves_what_was_measured(bench: Benc
 def run_that_fails(bench: Bench, name: str, **gate: Any) -> Finished:
     """A run whose only requirement cannot be met, on a machine that keeps the schedule."""
     for attempt in range(3):
-        used = spec(f"{name}{attempt}.txt", iterations=4, starts=2)
+        used = spec(f"{name}{attempt}.txt", iterations=6, starts=3)
         used["benchmark"]["gate"] |= gate
         used["slos"] = {"impossible": {"at": "20 Hz", "require": ["latency.max < 1 us"]}}
         done = bench.run(used)
@@ -207,19 +209,19 @@ def run_that_fails(bench: Bench, name: str, **gate: Any) -> Finished:
 
 def test_a_failure_is_confirmed_by_as_many_fresh_starts(bench: Bench) -> None:
     done = run_that_fails(bench, "confirm")
-    starts = [1, 1, 2, 2]
+    starts = [1, 1, 2, 2, 3, 3]
     assert starts_of(done, "iteration") == [
         (f"rate-20Hz-{number:03d}", start) for number, start in enumerate(starts, start=1)
     ]
     assert starts_of(done, "confirmation") == [
-        (f"confirm-rate-20Hz-{number:03d}", 2 + start)
+        (f"confirm-rate-20Hz-{number:03d}", 3 + start)
         for number, start in enumerate(starts, start=1)
     ]
     record = done.run().record
-    assert [start.confirms for start in record.starts] == [False, False, True, True]
+    assert [start.confirms for start in record.starts] == 3 * [False] + 3 * [True]
     # The harness of the confirmation is compared with that of the run, once.
     assert done.events().count("phase harness_overhead") == 2
-    assert len(set(pids(done, "relay"))) == 4
+    assert len(set(pids(done, "relay"))) == 6
     assert all(process.exit_code is not None for process in record.processes)
     # A disturbance may make the fresh batch unusable; then it says so, and nothing fails.
     assert done.outcome in {"fail", "inconclusive"}
