@@ -71,7 +71,7 @@ def test_the_proposals_pass_on_the_run(run: Run) -> None:
     verdict = result_of(run, slos.slos, "x").verdict
     assert [requirement.outcome for requirement in verdict.requirements] == ["pass", "pass"]
     assert [requirement.metric for requirement in verdict.requirements] == [
-        "latency.p95",
+        "latency.p99",
         "drop_rate",
     ]
     limit, estimate = verdict.requirements[0].limit, verdict.requirements[0].estimate

@@ -125,8 +125,8 @@ def test_another_spec_s_objectives(judged: Path, tmp_path: Path, call: Call) -> 
     assert "Judged by the objectives and the gate of stricter" in out
 
 
-# 7 of 300 messages over the limit of a p98 are not quite enough to show anything at 95 %.
-OPEN = Simulation(segments=[Played(30, np.where(np.arange(300) % 43 == 5, 0.02, 0.01))])
+# 10 of 300 messages over the limit of a p98 are not quite enough to show anything at 95 %.
+OPEN = Simulation(segments=[Played(30, np.where(np.arange(300) % 30 == 5, 0.02, 0.01))])
 BUSY = Simulation(
     segments=[Played(30, np.full(300, 0.02))], interference={"busy_s": 1.9, "stolen_s": 0.3}
 )
