@@ -16,9 +16,8 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from r2bspec.bags.bag_reader import read_messages
+from r2bspec.bags.bag_reader import may_be_read, read_messages
 from r2bspec.bags.recording import BagIndex, DataError, TimeWindow, TopicInfo
-from r2bspec.safe_io.limits import MAX_STAMPS_BYTES
 
 _SHORTEST_GAP_NS: Final = 10_000_000_000
 _MILLISECOND_NS: Final = 1_000_000
@@ -83,7 +82,7 @@ def find_parts(
         topics: whose messages are looked at; None for all.
         window: only what lies in it.
     """
-    if index.duration_ns < _SHORTEST_GAP_NS or _size_bytes(path) > MAX_STAMPS_BYTES:
+    if index.duration_ns < _SHORTEST_GAP_NS or not may_be_read(path):
         return None
     if topics is None:
         topics = [name for name, info in index.topics.items() if info.serialization == "cdr"]
@@ -141,11 +140,3 @@ def _index_of(index: BagIndex, messages: list[tuple[int, str]]) -> BagIndex:
         end_ns=messages[-1][0],
         message_count=len(messages),
     )
-
-
-def _size_bytes(path: Path) -> int:
-    try:
-        files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
-        return sum(file.stat().st_size for file in files)
-    except OSError:
-        return MAX_STAMPS_BYTES + 1

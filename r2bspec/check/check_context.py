@@ -50,7 +50,7 @@ from r2bspec.plan.wiring.companion_files import CompanionFiles, CompanionReader
 from r2bspec.plan.wiring.wiring import NodeWiring, Wiring
 from r2bspec.safe_io.cache_folder import cache_folder
 from r2bspec.safe_io.file_search import note_folder
-from r2bspec.safe_io.limits import MAX_BAG_INDEX_BYTES, MAX_STAMPS_BYTES
+from r2bspec.safe_io.limits import MAX_BAG_INDEX_BYTES
 from r2bspec.safe_io.private_files import private_files
 from r2bspec.safe_io.safe_json import read_json
 
@@ -508,11 +508,7 @@ def _in_window(
 
 def _is_small(context: Context) -> bool:
     """Whether all messages of the bag may be read."""
+    from r2bspec.bags.bag_reader import may_be_read
+
     path = context.bag_location.path if context.bag_location is not None else None
-    if context.bag is None or path is None:
-        return False
-    try:
-        files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
-        return sum(file.stat().st_size for file in files) <= MAX_STAMPS_BYTES
-    except OSError:
-        return False
+    return context.bag is not None and path is not None and may_be_read(path)

@@ -152,12 +152,12 @@ def info(bag: str, output_format: str) -> None:
 
     location = locate(bag, Path.cwd())
     result = index(location)
-    parts = find_parts(location.path, result) if location.path is not None else None
     digest = "" if location.path is None else hash_files(location.path)
     if output_format == "json":
         echo_json({**msgspec.to_builtins(result), "sha256": digest})
     else:
         _print_index(result, _origin(location), digest)
+        parts = find_parts(location.path, result) if location.path is not None else None
         if parts is not None:
             echo()
             echo(f"It has {parts.text}: use '{parts.window_text}'.")

@@ -128,7 +128,7 @@ class BothSides:
     too_long: str = ""
     _start: int = field(default=0, init=False)
     _turn_s: dict[float, float] = field(default_factory=dict, init=False)
-    _last: tuple[float, float] = field(default=(0.0, 0.0), init=False)
+    _played_hz: float = field(default=0.0, init=False)
     _lengthened: int = field(default=0, init=False)
 
     def play(
@@ -228,12 +228,12 @@ class BothSides:
             "base": tuple(0 if first else turn_ns for first in base_first),
             "head": tuple(turn_ns if first else 0 for first in base_first),
         }
-        self._last = (rate_hz, turn_s)
+        self._played_hz = rate_hz
         return {side: Turns(begin_ns, 0.5e9 / turn_ns, delays[side]) for side in _SIDES}
 
     def _again(self, step_s: float) -> bool:
         """Choose the length of the next turns; True if those of now are played again."""
-        rate_hz, turn_s = self._last
+        rate_hz, turn_s = self._played_hz, self._turn_s[self._played_hz]
         if step_s > turn_s:
             self._turn_s[rate_hz] = 2 * turn_s
             self._lengthened += 1

@@ -122,10 +122,9 @@ def input_messages_unpaired(context: Context) -> Findings:
     if spec.playback.mode == "timeline" or spec.playback.unpaired == "drop":
         return
     messages = _messages_of_steps(context)
-    clocks = _clocks_ahead(messages)
-    for unplayed in _unplayed(context, messages):
-        if not unplayed.is_warning:
-            continue
+    missing = [unplayed for unplayed in _unplayed(context, messages) if unplayed.is_warning]
+    clocks = _clocks_ahead(messages) if missing else {}
+    for unplayed in missing:
         name = next(
             name for name in spec.playback.inputs if context.wiring.topic(name) == unplayed.topic
         )

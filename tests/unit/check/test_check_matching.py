@@ -10,7 +10,7 @@ import pytest
 from check_specs import codes, findings
 
 from example_spec import example
-from r2bspec.check import check_context
+from r2bspec.bags import bag_reader
 from ros_runs import write_bag
 
 # Messages without a partner of the same stamp are found before a run, where the bag tells.
@@ -107,7 +107,7 @@ def test_a_timeline_plays_everything(tmp_path: Path) -> None:
 def test_stamps_of_large_bags_are_not_read_but_messages_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(check_context, "MAX_STAMPS_BYTES", 0)
+    monkeypatch.setattr(bag_reader, "MAX_STAMPS_BYTES", 0)
     text, file = stereo(tmp_path, shifted(3, 20))
     (left,) = findings(text, file=file)
     assert left.message == (
