@@ -11,7 +11,6 @@ takes about ten minutes, ``--quick`` one, in which little is played.
 
 from __future__ import annotations
 
-import argparse
 import os
 import statistics
 from collections.abc import Callable, Iterator
@@ -22,7 +21,7 @@ from pathlib import Path
 from floor_harness import floor
 from floor_peer import measure_peer
 from floor_workloads import LARGE, MEDIUM, SMALL, WORKLOADS, Figures, Workload, medians
-from measuring import machine, options, show, table, tell
+from measuring import machine, options, show_section, table, tell
 
 TRANSPORTS = ("shared_memory", "udp", "inherit")
 PLACEMENTS = ("two processes", "one process")
@@ -49,20 +48,10 @@ def main() -> None:
     parser.add_argument("--write", type=Path, help="the page to put the tables into")
     given = parser.parse_args()
     seconds, repeats = (1.0, 1) if given.quick else (2.0, 3)
-    _show(given, "floors", list(_floors(seconds, repeats)))
+    show_section(given.write, "floors", list(_floors(seconds, repeats)))
     if not given.quick:
         rows = map(_rate_row, (WORKLOADS[0], *WORKLOADS[2:]))
-        _show(given, "rates", list(table(("size", *TRANSPORTS, PLACEMENTS[1]), rows)))
-
-
-def _show(given: argparse.Namespace, section: str, lines: list[str]) -> None:
-    """Print a section, and put it in its place on the page if there is one."""
-    show(*lines, "")
-    if given.write:
-        begin, end = f"<!-- measured: {section} -->\n", "<!-- end -->"
-        before, _, rest = given.write.read_text(encoding="utf-8").partition(begin)
-        text = "\n".join(lines)
-        given.write.write_text(f"{before}{begin}{text}\n{end}{rest.partition(end)[2]}")
+        show_section(given.write, "rates", list(table(("size", *TRANSPORTS, PLACEMENTS[1]), rows)))
 
 
 def _floors(seconds: float, repeats: int) -> Iterator[str]:

@@ -7,6 +7,7 @@ import os
 import platform
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 
 
 def options(doc: str | None) -> argparse.ArgumentParser:
@@ -24,6 +25,16 @@ def tell(text: str) -> None:
 def show(*lines: str) -> None:
     """Print a part of the result."""
     print("\n".join(lines), flush=True)  # noqa: T201 - a program
+
+
+def show_section(page: Path | None, section: str, lines: Sequence[str]) -> None:
+    """Print a section, and put it in its place on the page if there is one."""
+    show(*lines, "")
+    if page is not None:
+        begin, end = f"<!-- measured: {section} -->\n", "<!-- end -->"
+        before, _, rest = page.read_text(encoding="utf-8").partition(begin)
+        text = "\n".join(lines)
+        page.write_text(f"{before}{begin}{text}\n{end}{rest.partition(end)[2]}")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:

@@ -12,7 +12,6 @@ Ten of each kind take about ten minutes for each number of busy programs and eac
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import shutil
 import statistics
@@ -25,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from measuring import machine, options, show, table, tell
+from measuring import machine, options, show_section, table, tell
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests/support"))
 
@@ -33,31 +32,14 @@ import yaml
 
 from c_nodes import c_node
 from git_repositories import commit, git
-from ros_runs import IMAGE, quick_input, write_bag
+from machine_load import busy_programs
+from ros_runs import IMAGE, NODE_IMPORTS, WORKER, quick_input, write_bag
 
 STEPS = {"python": 100_000, "c": 10_000_000}
 """Of the loop for each image: 5 to 10 ms."""
 
 KINDS = {"15 % more work": 1.15, "neutral": 1.0}
 SPEC = "bench/worker.r2b.yaml"
-NODE = """\
-from rclpy.node import Node
-from sensor_msgs.msg import Image
-
-
-class Worker(Node):
-    def __init__(self, **kwargs):
-        super().__init__("worker", **kwargs)
-        self.steps = self.declare_parameter("steps", 0).value
-        self.publisher = self.create_publisher(Image, "output", 10)
-        self.create_subscription(Image, "input", self.work, 10)
-
-    def work(self, image):
-        x = 0
-        for i in range(self.steps):
-            x += i * i
-        self.publisher.publish(image)
-"""
 
 
 @dataclass(frozen=True)
@@ -94,19 +76,14 @@ def main() -> None:
     )
     lines = [f"{machine()}; {given.count} pull requests of each kind.", ""]
     lines += table(head, list(_rows(given)))
-    show(*lines)
-    if given.write:
-        begin, end = "<!-- measured: pull requests -->\n", "<!-- end -->"
-        before, _, rest = given.write.read_text(encoding="utf-8").partition(begin)
-        text = "\n".join(lines)
-        given.write.write_text(f"{before}{begin}{text}\n{end}{rest.partition(end)[2]}")
+    show_section(given.write, "pull requests", lines)
 
 
 def _rows(given: argparse.Namespace) -> Iterator[list[str]]:
     for node in given.node:
         for busy in given.busy:
             came_to: dict[str, list[Gated]] = {kind: [] for kind in KINDS}
-            with tempfile.TemporaryDirectory() as folder, _busy_programs(busy):
+            with tempfile.TemporaryDirectory() as folder, busy_programs(busy):
                 top = Path(folder) / "workspace"
                 _create(top, node)
                 for number in range(given.count):
@@ -166,7 +143,14 @@ def _create(top: Path, node: str) -> None:
             "fast": {"at": "20 Hz", "require": ["latency.p90 < 500 ms"]},
         },
     }
-    commit(top, {"src/worker.py": NODE, SPEC: yaml.safe_dump(spec), ".gitignore": "runs/\n"})
+    commit(
+        top,
+        {
+            "src/worker.py": NODE_IMPORTS + WORKER,
+            SPEC: yaml.safe_dump(spec),
+            ".gitignore": "runs/\n",
+        },
+    )
     _change(top, node, 1.0, -1)
     git(top, "checkout", "--quiet", "-b", "change")
 
@@ -207,17 +191,6 @@ def _gate(top: Path) -> Gated:
         tell(done.stderr)
         return Gated(done.returncode, None, 0, seconds)
     return Gated(done.returncode, work["estimate"], len(work["compared"]["head_values"]), seconds)
-
-
-@contextlib.contextmanager
-def _busy_programs(number: int) -> Iterator[None]:
-    """Keep so many processors busy."""
-    programs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(number)]
-    try:
-        yield
-    finally:
-        for program in programs:
-            program.kill()
 
 
 if __name__ == "__main__":

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,27 +15,21 @@ from nightly import only_nightly
 
 pytest.importorskip("rclpy")
 
-from machine_load import skip_for_load
+from machine_load import BUSY, busy_programs, skip_for_load
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import bench as bench
 
 # Its strangers would disturb what is tested beside it.
 pytestmark = only_nightly()
 
-BUSY = "while True: pass"
 SAID = "other processes used"
 
 
 @pytest.fixture(scope="module", autouse=True)
 def strangers() -> Iterator[None]:
     """A program of somebody else on each processor that the run may use."""
-    found = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in os.sched_getaffinity(0)]
-    try:
+    with busy_programs(len(os.sched_getaffinity(0))):
         yield
-    finally:
-        for each in found:
-            each.kill()
-            each.wait()
 
 
 def sleeper(milliseconds: float) -> dict[str, Any]:

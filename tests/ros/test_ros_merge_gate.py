@@ -11,7 +11,6 @@ one kind goes through both; R2BSPEC_NIGHTLY=1 sends all of them.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import re
 import shutil
@@ -26,6 +25,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from git_repositories import git
+from machine_load import busy_programs
 from nightly import only_nightly, size
 from pull_requests import PACKAGE, PARAMETERS, SPEC, Recipe, Workspace, spec, without_sections
 from ros_runs import write_bag
@@ -124,18 +124,6 @@ def test_a_node_with_more_work_does_not_pass_beside_busy_programs(workspace: Wor
     (requirement,) = result["verdict"]["requirements"]
     assert requirement["method"] == "trimmed t by turns"
     assert requirement["estimate"] > 1.05
-
-
-@contextlib.contextmanager
-def busy_programs(number: int) -> Iterator[None]:
-    """Keep so many processors busy."""
-    programs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(number)]
-    try:
-        yield
-    finally:
-        for program in programs:
-            program.kill()
-            program.wait()
 
 
 @only_nightly()

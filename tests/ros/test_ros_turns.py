@@ -13,23 +13,9 @@ from r2bspec.compare.side_process import STEPS
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.record.comparison_folder import PairedComparison, open_comparison
 from r2bspec.record.run_record import Segment
-from ros_runs import Bench, Finished, relay_spec
+from ros_runs import WORKER, Bench, Finished, relay_spec
 from ros_runs import bench as bench
 
-WORKER = """
-class Worker(Node):
-    def __init__(self, **kwargs):
-        super().__init__("worker", **kwargs)
-        self.steps = self.declare_parameter("steps", 0).value
-        self.publisher = self.create_publisher(Image, "output", 10)
-        self.create_subscription(Image, "input", self.work, 10)
-
-    def work(self, message):
-        x = 0
-        for i in range(self.steps):
-            x += i * i
-        self.publisher.publish(message)
-"""
 SPEC = relay_spec(
     variables={"steps": 40_000},
     graph={

@@ -1,9 +1,15 @@
-"""Skipping what a busy machine cannot measure, so that the summary of the tests can name it."""
+"""Busy machines: programs that make a machine busy, and skipping what it then cannot measure.
+
+The summary of the tests names what was skipped.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import subprocess
+import sys
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import NoReturn
 
 import pytest
@@ -29,3 +35,18 @@ def load_summary(skipped: Iterable[pytest.TestReport]) -> list[str]:
 
 def _reason(report: pytest.TestReport) -> str:
     return report.longrepr[2] if isinstance(report.longrepr, tuple) else ""
+
+
+BUSY = "while True: pass"
+
+
+@contextlib.contextmanager
+def busy_programs(number: int) -> Iterator[None]:
+    """Keep so many processors busy."""
+    programs = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(number)]
+    try:
+        yield
+    finally:
+        for program in programs:
+            program.kill()
+            program.wait()

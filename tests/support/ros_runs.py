@@ -238,7 +238,7 @@ class Bench:
 
     def write_node(self, name: str, code: str) -> None:
         """Write a Python file beside the specs."""
-        (self.folder / name).write_text(_NODE_IMPORTS + code)
+        (self.folder / name).write_text(NODE_IMPORTS + code)
 
     def start(
         self,
@@ -301,7 +301,23 @@ _benches: list[Bench] = []
 _seen_segments: set[str] = set()
 """The names of those that processes of runs have used."""
 
-_NODE_IMPORTS = "from rclpy.node import Node\nfrom sensor_msgs.msg import Image\n"
+NODE_IMPORTS = "from rclpy.node import Node\nfrom sensor_msgs.msg import Image\n"
+
+WORKER = """
+class Worker(Node):
+    def __init__(self, **kwargs):
+        super().__init__("worker", **kwargs)
+        self.steps = self.declare_parameter("steps", 0).value
+        self.publisher = self.create_publisher(Image, "output", 10)
+        self.create_subscription(Image, "input", self.work, 10)
+
+    def work(self, message):
+        x = 0
+        for i in range(self.steps):
+            x += i * i
+        self.publisher.publish(message)
+"""
+"""A node that computes for each image, without its imports."""
 
 
 class Running:
