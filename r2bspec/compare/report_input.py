@@ -24,6 +24,7 @@ from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pair_comparison import InterleavedRuns, PairSet, judge_comparison
 from r2bspec.judge.result import PairsResult, Result
 from r2bspec.language.spec import Objective
+from r2bspec.plan.comparability import pair_count
 from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.plan.plan import GatePlan
 from r2bspec.record import comparison_folder
@@ -227,18 +228,21 @@ def read_pair_set(
     return PairSet(
         played=_interleaved(pairs, played, measured),
         tried=pairs.tried(fresh=fresh),
-        looks=_planned_looks(pairs.record),
+        looks=_planned_looks(pairs),
         fresh_starts=pairs.record.fresh if pairs.record.by_turns else 0,
         unaffected=_interleaved(pairs, unaffected, measured) if disturbed else None,
         disturbance_text=_affected_pairs_text(disturbed),
     )
 
 
-def _planned_looks(record: comparison_folder.PairsRecord) -> InterimLooks | None:
+def _planned_looks(pairs: comparison_folder.PairedComparison) -> InterimLooks | None:
     """When the pairs are judged; a control measures the noise, with all of them."""
+    record = pairs.record
     if record.by_turns and not record.control:
         last = record.confirmed_from + record.fresh if record.confirmed_from else record.planned
-        return InterimLooks.after_starts_of_both(last, record.confirmed_from)
+        return InterimLooks.after_starts_of_both(
+            last, pair_count(pairs.plan), record.confirmed_from
+        )
     looks = InterimLooks.after_each_pair(record.planned)
     return looks if len(looks) > 1 and not record.control else None
 

@@ -371,6 +371,7 @@ def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolic
     if looks is None:
         return _judge_once(objectives, pairs, policy)
     completed = looks.iterations[: max(1, looks.completed_looks(len(pairs.head)))]
+    planned = looks.iterations[-1]
     verdicts = [
         _judge_once(
             {name: _at_look(objective, looks, look) for name, objective in objectives.items()},
@@ -381,6 +382,7 @@ def _judge(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolic
                 early=end < looks.declared,
                 confidence=looks.confidence_at(look, policy.confidence),
             ),
+            early=end < planned,
         )
         for look, end in enumerate(completed, start=1)
     ]
@@ -399,14 +401,21 @@ def _at_look(objective: Objective, looks: InterimLooks, look: int) -> Objective:
     )
 
 
-def _judge_once(objectives: Objectives, pairs: InterleavedRuns, policy: DecisionPolicy) -> Verdict:
+def _judge_once(
+    objectives: Objectives,
+    pairs: InterleavedRuns,
+    policy: DecisionPolicy,
+    *,
+    early: bool = False,
+) -> Verdict:
+    """The verdict on so many pairs; `early` if more pairs are planned."""
     verdict = judge(objectives, pairs.merged, policy)
     verdict = judge_baseline_requirements(
         verdict,
         objectives,
         pairs.merged,
         policy,
-        lambda case: _judge_by_pairs(case, pairs, early=policy.early),
+        lambda case: _judge_by_pairs(case, pairs, early=early),
     )
     if not any(requirement.metric == "sustained" for requirement in verdict.requirements):
         return verdict

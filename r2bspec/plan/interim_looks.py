@@ -136,16 +136,21 @@ class InterimLooks:
         return cls.planned(pairs, pairs)
 
     @classmethod
-    def after_starts_of_both(cls, starts: int, confirmed_from: int = 0) -> InterimLooks:
+    def after_starts_of_both(
+        cls, starts: int, declared: int, confirmed_from: int = 0
+    ) -> InterimLooks:
         """The looks at a comparison by turns.
 
         Args:
             starts: the largest number of starts of both sides.
+            declared: the iterations of the head's spec; each start plays one of each side.
             confirmed_from: the look that failed; the next one is at the end.
         """
         last = confirmed_from or starts
         ends = set(range(FIRST_LOOK_BY_TURNS, last)) | {last, starts}
-        return cls(tuple(sorted(ends)), declared=starts, after_starts=True, by_turns=True)
+        return cls(
+            tuple(sorted(ends)), declared=min(declared, starts), after_starts=True, by_turns=True
+        )
 
     def __len__(self) -> int:
         return len(self.iterations)

@@ -39,7 +39,7 @@ def play(world: str, ratio: float, seed: int) -> tuple[str, int]:
     number = 2 * STARTS_OF_BOTH
     values = math.log(ratio) + generator.normal(0, scatter, number)
     values += (generator.random(number) < odd) * generator.uniform(0.1, 0.2, number)
-    looks = InterimLooks.after_starts_of_both(STARTS_OF_BOTH)
+    looks = InterimLooks.after_starts_of_both(STARTS_OF_BOTH, 3)
     for look, end in enumerate(looks.iterations, start=1):
         outcome = judged(values[:end].tolist(), looks.confidence_at(look))
         if outcome == "fail":

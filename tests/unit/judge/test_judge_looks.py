@@ -52,6 +52,11 @@ class TestThePlan:
         assert looks is not None
         assert (looks.iterations, looks.declared) == ((6, 8, 10, 12), 12)
 
+    def test_starts_of_both_sides_have_them_from_the_fifth_on(self) -> None:
+        looks = InterimLooks.after_starts_of_both(12, declared=3)
+        assert (looks.iterations, looks.declared) == ((5, 6, 7, 8, 9, 10, 11, 12), 3)
+        assert InterimLooks.after_starts_of_both(12, declared=20).declared == 12
+
     @pytest.mark.parametrize("iterations", [(5,), (5, 10, 20), (3, 7, 50)])
     def test_the_error_is_divided_without_a_rest(self, iterations: tuple[int, ...]) -> None:
         looks = InterimLooks(iterations)
