@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from importlib.metadata import PackageNotFoundError, distribution
 from urllib.parse import unquote, urlsplit
 
 
@@ -13,6 +12,9 @@ def install_command(extra: str) -> str:
     A package that was installed from a folder or a repository says so in direct_url.json
     (https://peps.python.org/pep-0610/); an index may not have it.
     """
+    # Every process of a run imports this module, and reads no metadata.
+    from importlib.metadata import PackageNotFoundError, distribution
+
     try:
         origin = json.loads(distribution("r2bspec").read_text("direct_url.json") or "{}")
     except (PackageNotFoundError, ValueError):

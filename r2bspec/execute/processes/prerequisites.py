@@ -22,6 +22,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 
 from r2bspec import harness
@@ -99,11 +100,17 @@ def _resolve(word: str) -> str:
     if word == "$(python)":
         return sys.executable
     if word == "$(harness)":
-        return str(built(harness_program))
+        return _harness()
     if word == "$(included_launch)":
         return str(Path(harness.__file__).with_name("included_launch.py"))
     matched = EXECUTABLE.fullmatch(word)
     return str(find_executable(matched["package"], matched["name"])) if matched else word
+
+
+@cache
+def _harness() -> str:
+    """Find the program of player and monitor once: its digest reads about all headers of ROS."""
+    return str(built(harness_program))
 
 
 def find_executable(package: str, name: str) -> Path:
@@ -148,9 +155,10 @@ _PORT_BASE = 32768
 """The convention of ROS's `domain_coordinator`: a process that binds TCP port 32768 + N has
 domain N. It also avoids collisions with test suites that use it."""
 
-_SEGMENT_LOOK_S = 0.1
-_SEGMENT_LOOKS = 20
-"""How often a file is looked at: a process maps its segment a moment after it has made it."""
+_SEGMENT_LOOK_S = 1.0
+_SEGMENT_LOOKS = 3
+"""How often a file is looked at: a process maps its segment a moment after it has made it. A look
+reads about every process of the machine, which takes 20 to 40 ms while a graph starts."""
 
 
 def check_middleware(plan: Plan, environ: Mapping[str, str]) -> None:
@@ -383,7 +391,7 @@ class SharedMemoryModes:
         self._next_s = 0.0
 
     def make_private(self) -> None:
-        """Look for new segments, at most ten times a second.
+        """Look for new segments, at most once a second.
 
         Those of programs that are not of the run stay readable, and are not looked at for ever.
         """
