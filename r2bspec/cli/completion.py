@@ -1,4 +1,4 @@
-"""``r2bspec completion``, and what a shell proposes for the values of options and arguments.
+"""What a shell proposes for the values of options and arguments.
 
 A proposal never fails: where something cannot be read, nothing is proposed.
 """
@@ -12,9 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-
-from r2bspec.errors import ExitStatus
-from r2bspec.report.output import echo_document
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -79,7 +76,7 @@ def complete_template(_ctx: click.Context) -> Iterable[str]:
 @_proposals
 def complete_topic(_ctx: click.Context) -> Iterable[str]:
     """The topics of ``docs``: pages, codes and their slugs, metrics."""
-    from r2bspec.cli.reference import doc_pages
+    from r2bspec.cli.docs import doc_pages
     from r2bspec.diagnostics.code_pages import all_pages
     from r2bspec.judge.measure.metric_catalogue import names
 
@@ -101,23 +98,3 @@ def complete_report(_ctx: click.Context) -> Iterable[str]:
     from r2bspec.report.format_registry import FORMATS
 
     return [f"{name}=" for name in FORMATS]
-
-
-@click.command("completion")
-@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-def command(shell: str) -> int:
-    """Print the completion script of SHELL.
-
-    For bash: r2bspec completion bash > ~/.local/share/bash-completion/completions/r2bspec
-    """
-    from click.shell_completion import get_completion_class
-
-    from r2bspec.cli.main import COMPLETE
-    from r2bspec.cli.main import command as r2bspec
-
-    completion_class = get_completion_class(shell)
-    assert completion_class is not None  # noqa: S101 - click has all of these shells
-    # Its constructor looks for no shell; only bash's checks the version, and that of the user.
-    script = completion_class(r2bspec, {}, "r2bspec", COMPLETE)
-    echo_document(script.source_template % script.source_vars())
-    return ExitStatus.OK

@@ -1,8 +1,7 @@
-"""The verbs about finished runs: ``judge``, ``report`` and ``compare``."""
+"""The verbs about a finished run: ``judge`` and ``report``."""
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,8 +12,7 @@ from r2bspec.cli import shared_options as options
 from r2bspec.cli.text_output import show_findings
 from r2bspec.diagnostics.quote import quoted_list
 from r2bspec.errors import ExitStatus
-from r2bspec.language.quantities import Share
-from r2bspec.report.output import echo, echo_document
+from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
     from r2bspec.compare.report_input import ReportInput
@@ -168,41 +166,4 @@ def report_command(
     report_input = read_report_input(run, spec_file=spec)
     _say_what_is_not_judged(report_input)
     write_reports(reports, replace(report_input, verbose=verbose))
-    return ExitStatus.OK
-
-
-_RESULT = click.Path(path_type=Path)
-
-
-@click.command("compare")
-@click.argument("base", type=_RESULT)
-@click.argument("heads", type=_RESULT, nargs=-1, required=True, metavar="HEAD...")
-@click.option(
-    "--margin",
-    type=options.share("0.001 %", "100 %"),
-    default="5 %",
-    show_default=True,
-    help="Differences up to this share count as none.",
-)
-@click.option("--force", is_flag=True, help="Compare even if load, data or machine differ.")
-@options.format_option("text", "json", "markdown")
-def compare_command(
-    base: Path, heads: tuple[Path, ...], margin: Share, force: bool, output_format: str
-) -> int:
-    """Compare each HEAD with BASE, metric by metric.
-
-    Each is a run folder or a result.json. Differences do not change the exit status: comparisons
-    of stored results are advisory. To gate, use 'r2bspec run --against'.
-    """
-    from r2bspec.compare.comparison import compare, read_compared_result
-    from r2bspec.report.comparison_document import render
-
-    first = read_compared_result(base)
-    comparisons = [
-        compare(first, read_compared_result(head), margin=margin.fraction, force=force)
-        for head in heads
-    ]
-    width = shutil.get_terminal_size((100, 24)).columns
-    content = render(comparisons, output_format, width)
-    echo_document(content, nl=False)
     return ExitStatus.OK

@@ -15,7 +15,6 @@ from r2bspec.cli.run import RunArguments
 from r2bspec.errors import R2bspecError
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
-from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
@@ -42,17 +41,8 @@ if TYPE_CHECKING:
     help="What may differ from the base, such as 'objective fast', as the error names it; 'input' "
     "for recordings and preprocessors; 'base' for a base that cannot run",
 )
-@click.option(
-    "--output",
-    "-o",
-    type=shared_options.FOLDER,
-    help="The folder of the runs, new or empty.  [default: runs/NAME-TIME]",
-)
-@click.option(
-    "--pairs",
-    type=click.IntRange(min=1, max=MAX_PLANNED_ITERATIONS),
-    help="The number of pairs of runs to compare.  [default: benchmark.iterations]",
-)
+@shared_options.output_option
+@shared_options.pairs_option
 @shared_options.sets_option
 @shared_options.variables_option
 @shared_options.queue_options

@@ -36,27 +36,23 @@ VERBS = {
     "gate": "Gate a change of a repository: compare specs and their code with a base.",
     "judge": "Judge a finished run again, optionally by other SLOs.",
     "report": "Write reports of a finished run: HTML, JUnit, Markdown and others.",
-    "compare": "Compare finished runs: improved, worse, same, or can't tell.",
+    "compare": "Play two specs in pairs, or compare finished runs.",
     "suggest": "Propose objectives from what a run measured.",
     "tune": "Find the values that meet the objectives at the least cost.",
     "import": "Make specs from scripts of ros2_benchmark and launch files.",
     "data": "List, create, inspect and verify datasets.",
     "doctor": "Check this machine's fitness for benchmarking.",
+    "fleet": "Run benchmarks on the hosts of a fleet.",
     "lsp": "Start the language server, for editors.",
-    "schema": "Print a JSON Schema.",
-    "docs": "Show the documentation, or explain a diagnostic code or a metric.",
-    "completion": "Print the completion script of a shell.",
+    "docs": "Show the documentation, a JSON Schema, a diagnostic code or a metric.",
 }
 """Each verb and its line in the help, so that listing them needs no import."""
 
 _PLACES = {
     "init": "authoring:init_command",
     "interfaces": "authoring:interfaces_command",
-    "schema": "reference:schema_command",
-    "docs": "reference:docs_command",
     "judge": "finished_runs:judge_command",
     "report": "finished_runs:report_command",
-    "compare": "finished_runs:compare_command",
     "suggest": "proposals:suggest_command",
     "import": "import_:command",
 }
@@ -209,7 +205,7 @@ def _called(arguments: list[str]) -> Any:
                 return ExitStatus.OK
         raise UsageError(
             f"{COMPLETE}, COMP_WORDS, COMP_CWORD are not as the completion of a shell sets them",
-            hint="Unset them, or write the script anew with 'r2bspec completion SHELL'.",
+            hint=f"Unset them, or write the script anew: {COMPLETE}=bash_source r2bspec.",
         )
     # Not `main` of click, which takes a `BrokenPipeError` for itself, and exits with 1.
     with command.make_context("r2bspec", [*arguments]) as context:

@@ -1,4 +1,4 @@
-"""Several runs of ``r2bspec run``, on this host or on a fleet, with one summary."""
+"""Several runs, on this host or on a fleet, with one summary."""
 
 from __future__ import annotations
 
@@ -16,8 +16,15 @@ import msgspec
 from r2bspec import api
 from r2bspec.api import folder_name
 from r2bspec.cli import run_single
+from r2bspec.cli.check_files import spec_files
 from r2bspec.cli.main import show_error
-from r2bspec.cli.spec_selection import Playing, SuiteEntry, prepare_and_report
+from r2bspec.cli.spec_selection import (
+    Playing,
+    SpecSelection,
+    SuiteEntry,
+    prepare_and_report,
+    suite_entries,
+)
 from r2bspec.cli.text_output import queued_host
 from r2bspec.compare.report_input import read_folder
 from r2bspec.diagnostics.quote import pluralize
@@ -40,6 +47,8 @@ from r2bspec.safe_io.safe_file import is_regular
 if TYPE_CHECKING:
     from r2bspec.cli.run import RunArguments
     from r2bspec.judge.result import Result
+    from r2bspec.language.selected_spec import SelectionValues
+
 SUMMARY_FILE = "suite.json"
 """The summary in the folder of the suite; complete after each run."""
 
@@ -58,30 +67,13 @@ Play = Callable[[SuiteEntry, "RunArguments", RemainingTime], "Result"]
 """Makes the run of an entry."""
 
 
-def run_suite(entries: Sequence[SuiteEntry], options: RunArguments) -> int:
-    """Make all runs; returns the worst exit status.
+def run_suite(specs: Sequence[str], values: SelectionValues, options: RunArguments) -> int:
+    """Make all runs on this host; returns the worst exit status.
 
     Raises:
         InterruptedRunError: a signal ended a run; the summary of the others has been written.
-        FleetError: the fleet of ``--on`` cannot be reached.
     """
-    suite = Suite.of(options)
-    with options.sparing_inputs():
-        for entry in entries:
-            prepare_entry(entry, options)
-    if options.on is None:
-        return _run_here(suite, entries, options)
-    from r2bspec.cli.fleet_suite import fleet_executor
-
-    suite.create_folder()
-    with private_files(), fleet_executor(suite, options) as executor:
-        placed = executor.place(entries)
-        suite.enter(placed)
-        return suite.run(executor.announce(placed), executor.play(placed))
-
-
-def _run_here(suite: Suite, entries: Sequence[SuiteEntry], options: RunArguments) -> int:
-    """Make all runs on this host."""
+    suite, entries = prepare_suite(specs, values, options)
     with contextlib.ExitStack() as stack:
         if any(entry.error is None for entry in entries):
             seconds = sum(entry.seconds for entry in entries)
@@ -91,6 +83,20 @@ def _run_here(suite: Suite, entries: Sequence[SuiteEntry], options: RunArguments
         suite.create_folder()
         suite.enter(entries)
         return suite.run(announcement(entries), LocalExecutor(suite, options, _play).play(entries))
+
+
+def prepare_suite(
+    specs: Sequence[str], values: SelectionValues, options: RunArguments
+) -> tuple[Suite, list[SuiteEntry]]:
+    """Return the suite of a call and its runs, each of them checked."""
+    entries = suite_entries(
+        SpecSelection(Path(), **values), spec_files(specs), options.select, options.scan
+    )
+    suite = Suite.of(options)
+    with options.sparing_inputs():
+        for entry in entries:
+            prepare_entry(entry, options)
+    return suite, entries
 
 
 def _play(entry: SuiteEntry, options: RunArguments, remaining: RemainingTime) -> Result:

@@ -13,6 +13,7 @@ import click
 from r2bspec.cli.completion import complete_case, complete_report, complete_variable
 from r2bspec.language.quantities import Duration, Quantity, QuantityError, Share
 from r2bspec.language.selected_spec import SelectionValues
+from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS
 
 if TYPE_CHECKING:
     from r2bspec.report.write_reports import ReportRequest
@@ -130,6 +131,53 @@ def queue_options(command: Command) -> Command:
     """What to do while this host runs other benchmarks."""
     flags = {"--no-lock": "Run even while this host runs a benchmark."}
     return wait_option(flag_options(flags)(command))
+
+
+output_option = click.option(
+    "--output",
+    "-o",
+    type=FOLDER,
+    help="The folder of the runs, new or empty.  [default: runs/NAME-TIME]",
+)
+
+pairs_option = click.option(
+    "--pairs",
+    type=click.IntRange(min=1, max=MAX_PLANNED_ITERATIONS),
+    help="The most pairs of runs, or starts of both sides, to play.  "
+    "[default: benchmark.iterations; by turns 12]",
+)
+
+against_option = repeatable_option(
+    "--against",
+    metavar="REF",
+    help="The base: another spec, var:NAME=VALUE, set:PATH=VALUE, or env: with a setup file, an "
+    "installed workspace or NAME=VALUE",
+)
+
+
+def suite_options(command: Command) -> Command:
+    """Which of several specs are played."""
+    for decorate in (
+        flag_options(
+            {
+                "--smoke": "One short iteration that shows whether all works; no verdict.",
+                "--resume": "Run only what the folder of --output does not have yet.",
+                "--fail-fast": "End after the first run that does not pass.",
+            }
+        ),
+        repeatable_option(
+            "--scan",
+            metavar="NAME=VALUE,...",
+            help="A run for each value of a variable, or of a key such as transport",
+        ),
+        repeatable_option(
+            "--select",
+            metavar="LABEL=VALUE",
+            help="Only specs with this label, such as sensor=camera or sensor='cam*'",
+        ),
+    ):
+        command = decorate(command)
+    return command
 
 
 sets_option = repeatable_option(

@@ -120,11 +120,6 @@ class SuiteEntry:
         return self.estimate.seconds if self.estimate is not None else 0.0
 
 
-def is_file_list(paths: Sequence[str]) -> bool:
-    """Whether each path is written as a file, not as a folder or a pattern."""
-    return all(Path(path).is_file() for path in paths)
-
-
 def suite_entries(
     selection: SpecSelection,
     files: Sequence[str],

@@ -35,12 +35,14 @@ class Job(NamedTuple):
 
     Attributes:
         archive: of the files that it needs.
+        verb: ``run``, or ``compare``.
         plan: the path of its plan in the archive.
         base: that of the base of a comparison, if that is another plan.
-        words: further words of ``r2bspec run``.
+        words: further options of the verb.
     """
 
     archive: bytes
+    verb: str
     plan: str
     base: str = ""
     words: tuple[str, ...] = ()
@@ -76,7 +78,7 @@ def play(job: Job) -> Played:
     with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch:
         tree, folder = Path(scratch, "files"), Path(scratch, "run")
         unpack(job.archive, tree)
-        words = [str(tree / job.plan), "--output", str(folder), *job.words]
+        words = [job.verb, str(tree / job.plan), "--output", str(folder), *job.words]
         words += ["--against", str(tree / job.base)] if job.base else []
         with Path(scratch, "log").open("w+b") as log:
             # It ends when its standard input is closed, as by the end of the worker.

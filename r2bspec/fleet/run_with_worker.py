@@ -1,4 +1,4 @@
-"""``r2bspec run`` as the child of a worker, with which it ends."""
+"""A verb of r2bspec as the child of a worker, with which it ends."""
 
 from __future__ import annotations
 
@@ -18,6 +18,5 @@ def _end_with_worker() -> None:
 
 if __name__ == "__main__":
     threading.Thread(target=_end_with_worker, daemon=True).start()
-    sys.argv[1:1] = ["run"]
     # The command line is above this package, which therefore cannot import it.
     runpy.run_module("r2bspec", run_name="__main__", alter_sys=True)

@@ -351,7 +351,9 @@ def _undecidable(case: RequirementCase, samples: RunSamples) -> Decision | None:
     if bound is not None and bound.of_offered and not case.at_hz:
         return undecided("The objective has no rate, so 'of offered' has no meaning.")
     if case.requirement.of_baseline:
-        return undecided("This run was not compared with a baseline.", "Run with --against.")
+        return undecided(
+            "This run was not compared with a baseline.", "Use 'r2bspec gate' or 'r2bspec compare'."
+        )
     return None
 
 

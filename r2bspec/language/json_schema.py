@@ -34,7 +34,7 @@ _NULL_MESSAGE = "missing value; null removes a key of an extended map"
 
 
 def published_schema() -> Schema:
-    """Return the schema for editors, as `r2bspec schema spec` prints it.
+    """Return the schema for editors, as `r2bspec docs --schema spec` prints it.
 
     Null is allowed for every key, because it removes a key that `extends` brings, and refused
     outside of maps with `extends` by a small schema of its own.

@@ -139,7 +139,9 @@ def test_python_files_travel_and_a_run_that_fails_is_told_with_its_log(
 
 
 def test_a_client_without_scheduler_ends_with_an_error(bench: Bench) -> None:
-    done = bench.run(bench.write(quick_spec(), "relay"), "--on", "tcp://127.0.0.1:1")
+    spec = bench.write(quick_spec(), "relay")
+    with bench.start(spec, "--on", "tcp://127.0.0.1:1", verb="fleet run") as running:
+        done = running.finish()
     assert done.status == 4
     assert "R2B682" in done.stderr
     assert "dask scheduler" in done.stderr

@@ -140,7 +140,7 @@ def forged_calls(folder: Path) -> Iterator[tuple[str, ...]]:
     yield from (("validate", "--format", kind, names[0]) for kind in ("github", "gitlab", "junit"))
     yield ("data", "info", names[2])
     yield ("plan", names[0], "-o", f"{names[3]}/x")
-    yield from ((verb, names[3]) for verb in ("docs", "schema", "doctor"))
+    yield from ((verb, names[3]) for verb in ("docs", "doctor"))
     yield (names[3],)
 
 

@@ -39,7 +39,7 @@ SPEC = relay_spec(
 @pytest.fixture(scope="module")
 def compared(bench: Bench) -> Finished:
     """A relay of 5 ms against one of 30 ms, two pairs."""
-    return bench.run(SPEC, "--against", "var:ms=30.0", "--pairs", "2")
+    return bench.compare(SPEC, "--against", "var:ms=30.0", "--pairs", "2")
 
 
 def test_runs_are_interleaved_whole_and_fresh(compared: Finished) -> None:
@@ -78,7 +78,7 @@ def test_the_verdict_says_what_it_rests_on(compared: Finished) -> None:
 
 @only_nightly()
 def test_an_interrupted_comparison_keeps_its_pairs(bench: Bench) -> None:
-    with bench.start(SPEC, "--control", "--pairs", "5") as running:
+    with bench.start(SPEC, "--control", "--pairs", "5", verb="compare") as running:
         # A coin decides which side is first.
         running.wait_for(r"(?s)pair 1 of 5: .*pair 1 of 5: .*playing at")
         running.process.send_signal(signal.SIGINT)
@@ -99,7 +99,7 @@ def test_a_head_that_dies_never_passes(bench: Bench) -> None:
     bench.write_node("dying.py", DYING)
     spec = SPEC | {"graph": {"nodes": {"relay": {"python": "./dying.py:Dying"}}}}
     base = bench.write(SPEC, "base")
-    done = bench.run(spec, "--against", str(base), "--pairs", "1")
+    done = bench.compare(spec, "--against", str(base), "--pairs", "1")
     assert (done.status, done.outcome) == (4, "incomplete")
     assert "the head failed" in done.stderr
     pairs = open_comparison(done.folder)

@@ -37,7 +37,7 @@ def compared(bench: Bench) -> Finished:
     """A worker against one that computes a third as much, two starts of both."""
     bench.write_node("worker.py", WORKER)
     base = bench.write(SPEC | {"variables": {"steps": 40_000}}, "base")
-    return bench.run(
+    return bench.compare(
         SPEC | {"variables": {"steps": 120_000}}, "--against", str(base), "--pairs", "2"
     )
 
@@ -114,7 +114,7 @@ def test_what_cannot_be_up_twice_is_played_one_after_the_other(bench: Bench) -> 
         ),
     )
     base = bench.write(SPEC, "base")
-    done = bench.run(
+    done = bench.compare(
         SPEC | {"variables": {"steps": 41_000}}, "--against", str(base), "--pairs", "2"
     )
     pairs = open_comparison(done.folder)

@@ -99,8 +99,8 @@ class Hosts:
         return [plan.parents[4].name for plan in plans]
 
     def start_client(self, *arguments: str | Path, output: Path) -> subprocess.Popen[str]:
-        """Start ``r2bspec run --on`` this fleet."""
-        words = [sys.executable, "-m", "r2bspec", "run", *map(str, arguments)]
+        """Start ``r2bspec fleet run`` on this fleet."""
+        words = [sys.executable, "-m", "r2bspec", "fleet", "run", *map(str, arguments)]
         words += ["--output", str(output), "--on", self.address]
         return subprocess.Popen(
             words,

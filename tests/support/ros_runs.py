@@ -246,12 +246,13 @@ class Bench:
         *arguments: str,
         output: Path | None = None,
         through: Sequence[str] = (),
+        verb: str = "run",
     ) -> Running:
-        """Start ``r2bspec run``, `through` another program; whoever starts it sees to its end."""
+        """Start a verb, `through` another program; whoever starts it sees to its end."""
         number = next(self._numbers)
         path = spec if isinstance(spec, Path) else self.write(spec, f"spec{number}")
         folder = output or self.folder / f"run{number}"
-        words = ["run", str(path), "--output", str(folder), *arguments]
+        words = [*verb.split(), str(path), "--output", str(folder), *arguments]
         return Running(self, words, folder, through)
 
     def run(
@@ -259,6 +260,11 @@ class Bench:
     ) -> Finished:
         """Run a spec to its end."""
         with self.start(spec, *arguments, output=output) as running:
+            return running.finish()
+
+    def compare(self, spec: Mapping[str, Any] | Path, *arguments: str) -> Finished:
+        """Compare a spec with a base to the end."""
+        with self.start(spec, *arguments, verb="compare") as running:
             return running.finish()
 
     def run_on_time(self, spec: Mapping[str, Any], *arguments: str) -> Finished:

@@ -22,18 +22,20 @@ from r2bspec.execute.processes.environment import (
 @pytest.mark.parametrize(
     "arguments",
     [
-        "run s --against var:a=1 --control",
-        "run s --pairs 3",
-        "run s --pairs 0 --control",
-        "run s --force",
-        "run s --force --control",
         "run s --resume",
-        "run s --case all --against var:a=1",
-        "run s --scan a=1 --control",
-        "run s --smoke --control",
-        # What observes one more iteration is of one run on this host.
-        *("run s --anatomy --on cluster.json", "run s --profile perf --on cluster.json"),
-        "run s --anatomy --against main",
+        "compare s --against var:a=1 --control",
+        "compare s --pairs 0 --control",
+        "compare s --case all --against var:a=1",
+        "compare s",
+        "compare s t u",
+        "compare s t --control",
+        "compare s t --margin 3%",
+        "compare s t --format markdown",
+        "compare runs/1.json",
+        "compare runs/1.json runs/2.json --pairs 3",
+        "fleet run s",
+        "fleet run s --on a --pairs 3",
+        "fleet run s --on a --smoke --against var:a=1",
     ],
 )
 def test_options_that_exclude_each_other_are_wrong_usage(arguments: str) -> None:

@@ -40,7 +40,7 @@ def test_what_is_written(call: Call) -> None:
 
 def test_a_schema_beside_the_spec_is_named(call: Call) -> None:
     schema = Path("r2bspec-v1.schema.json")
-    schema.write_text(call("schema", status=0).out)
+    schema.write_text(call("docs", "--schema", "spec", status=0).out)
     call("init", "camera", status=0)
     first = "# yaml-language-server: $schema=./r2bspec-v1.schema.json\n"
     assert Path("camera.r2b.yaml").read_text().startswith(first)

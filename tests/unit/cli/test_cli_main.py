@@ -21,7 +21,7 @@ from command_line import Call
 from example_spec import example
 from r2bspec._version import __version__
 from r2bspec.cli import main as cli
-from r2bspec.cli.reference import docs_folder
+from r2bspec.cli.docs import docs_folder
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 from r2bspec.judge.verdict import EXIT_CODES, OverallOutcome, Verdict
 from r2bspec.report.findings_text import code_with_slug
@@ -163,7 +163,7 @@ def test_a_stream_that_is_closed_changes_neither_status_nor_files(
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 def test_a_reader_that_ends_is_no_error_of_the_input(unbuffered: str) -> None:
-    asked = [sys.executable, "-m", "r2bspec", "schema"]
+    asked = [sys.executable, "-m", "r2bspec", "docs", "--schema", "spec"]
     with subprocess.Popen(
         asked,
         stdout=subprocess.PIPE,
@@ -230,8 +230,11 @@ def test_cases_and_variables_of_the_spec_are_proposed(
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_of_a_shell_asks_r2bspec(shell: str, call: Call) -> None:
-    assert f"_R2BSPEC_COMPLETE={shell}_complete" in call("completion", shell, status=0).out
+def test_the_script_of_a_shell_asks_r2bspec(
+    shell: str, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("_R2BSPEC_COMPLETE", f"{shell}_source")
+    assert f"_R2BSPEC_COMPLETE={shell}_complete" in call(status=0).out
 
 
 def test_every_page_of_the_documentation_is_listed_and_printed(call: Call) -> None:
@@ -266,7 +269,7 @@ def test_a_folder_that_leads_to_itself_is_wrong_usage(tmp_path: Path, call: Call
     spec = Path(__file__).parents[3] / "specs/relay.r2b.yaml"
     for words in (
         ("run", spec, "--output", tmp_path / "loop/out"),
-        ("run", spec, spec, "--each", "--output", tmp_path / "loop/out"),
-        ("run", spec, "--against", f"env:{tmp_path}/loop/setup.bash"),
+        ("run", spec, spec, "--output", tmp_path / "loop/out"),
+        ("compare", spec, "--against", f"env:{tmp_path}/loop/setup.bash"),
     ):
         assert "[R2B69" not in call(*words, status=2).err

@@ -1,4 +1,4 @@
-"""The verbs that print what r2bspec defines: ``docs`` and ``schema``."""
+"""``r2bspec docs``: what r2bspec defines: pages, codes, metrics and schemas."""
 
 from __future__ import annotations
 
@@ -143,15 +143,6 @@ _SCHEMAS = {
 """Each schema and the function that generates it; printing one imports no other."""
 
 
-@click.command("schema")
-@click.argument("name", type=click.Choice(list(_SCHEMAS)), default="spec")
-def schema_command(name: str) -> int:
-    """Print the JSON Schema of a spec, a plan or a result."""
-    module, function = _SCHEMAS[name].split(":")
-    echo_document(getattr(importlib.import_module(module), function)(), nl=False)
-    return ExitStatus.OK
-
-
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
@@ -161,14 +152,18 @@ _CODES = "codes"
 
 @click.command("docs")
 @click.argument("topic", required=False, shell_complete=complete_topic)
+@click.option("--schema", type=click.Choice(list(_SCHEMAS)), help="Print a JSON Schema.")
 @click.option("--path", "show_path", is_flag=True, help="Print the path instead of the text.")
-def docs_command(topic: str | None, show_path: bool) -> int:
+def command(topic: str | None, schema: str | None, show_path: bool) -> int:
     """Show the documentation of TOPIC; without it, list the pages.
 
     TOPIC is a page, such as running or metrics, a diagnostic code, such as R2B101 or unknown-key,
     a metric, such as latency.p99, or 'codes' for the list of all codes.
     """
-    if show_path:
+    if schema is not None:
+        module, function = _SCHEMAS[schema].split(":")
+        echo_document(getattr(importlib.import_module(module), function)(), nl=False)
+    elif show_path:
         echo(str(docs_folder() if topic is None else _doc_page(topic)))
     elif topic is None:
         pages = doc_pages()

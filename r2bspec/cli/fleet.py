@@ -1,41 +1,90 @@
-"""The runs of a suite on a fleet: placed, made there, and their folders fetched."""
+"""``r2bspec fleet``: runs are placed on the hosts of a fleet, made there, and fetched."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import click
+
+from r2bspec.cli import shared_options
 from r2bspec.cli.main import show_error
+from r2bspec.cli.run import RunArguments
 from r2bspec.cli.spec_selection import Playing, SuiteEntry, base_selection, prepare_and_report
-from r2bspec.compare.base_reference import parse_base_reference
-from r2bspec.compare.report_input import read_folder
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.diagnostics.quote import pluralize, time_text
 from r2bspec.errors import R2bspecError
-from r2bspec.fleet.bundle import make_bundle
-from r2bspec.fleet.client import EndedRun, Fleet, FleetRun, place
-from r2bspec.fleet.host import Job
 from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
-    from r2bspec.cli.run import RunArguments
     from r2bspec.cli.run_suite import Suite
+    from r2bspec.fleet.client import EndedRun, Fleet, FleetRun
+    from r2bspec.language.selected_spec import SelectionValues
     from r2bspec.report.suite import SuiteRun
+    from r2bspec.report.write_reports import ReportRequest
 
 
-@contextlib.contextmanager
-def fleet_executor(suite: Suite, options: RunArguments) -> Iterator[FleetExecutor]:
-    """Connect to the fleet of ``--on`` for as long as the context lasts.
+@click.group("fleet")
+def command() -> None:
+    """Run benchmarks on the hosts of a fleet ('r2bspec docs fleet')."""
 
-    Raises:
-        FleetError: it cannot be reached.
+
+@command.command("run")
+@click.argument("specs", nargs=-1, required=True, metavar="SPEC...")
+@click.option(
+    "--on",
+    required=True,
+    metavar="SCHEDULER",
+    help="The address of the Dask scheduler of the fleet.",
+)
+@click.option(
+    "--hosts",
+    default="any",
+    show_default=True,
+    metavar="any|all|NAME,...",
+    help="Each run on any host that fits, on every host that fits, or on those named.",
+)
+@shared_options.output_option
+@shared_options.spec_options
+@shared_options.suite_options
+@shared_options.against_option
+@shared_options.pairs_option
+@shared_options.format_option()
+@shared_options.quiet_option
+@shared_options.verbose_option
+@shared_options.reports_option
+def run_command(
+    specs: tuple[str, ...],
+    values: SelectionValues,
+    reports: tuple[ReportRequest, ...],
+    **others: Any,
+) -> int:
+    """Run each SPEC on a host of a fleet, and judge it by its SLOs.
+
+    As 'r2bspec run' does here; a host plays one run at a time. With --against, each SPEC is
+    compared with its base in interleaved runs, both on one host.
     """
-    assert options.on is not None  # noqa: S101 - see the caller
-    with Fleet(options.on) as fleet:
-        yield FleetExecutor(suite, options, fleet)
+    hosts = tuple(dict.fromkeys(host for host in others.pop("hosts").split(",") if host))
+    options = RunArguments(reports=reports, hosts=hosts or ("any",), **others)
+    options.check_resume()
+    if options.smoke:
+        options.refuse("cannot be combined with --smoke, which judges nothing", "--against")
+    if not options.compares:
+        options.refuse("needs --against", "--pairs")
+    from r2bspec.cli.run_suite import prepare_suite
+    from r2bspec.fleet.client import Fleet
+    from r2bspec.safe_io.private_files import private_files
+
+    suite, entries = prepare_suite(specs, values, options)
+    suite.create_folder()
+    with private_files(), Fleet(options.on) as fleet:
+        executor = FleetExecutor(suite, options, fleet)
+        placed = executor.place(entries)
+        suite.enter(placed)
+        return suite.run(executor.announce(placed), executor.play(placed))
 
 
 @dataclass
@@ -48,6 +97,8 @@ class FleetExecutor:
 
     def place(self, entries: Sequence[SuiteEntry]) -> list[SuiteEntry]:
         """Return an entry for each run: with ``--hosts all`` for each host that fits."""
+        from r2bspec.fleet.client import place
+
         hosts = list(self.fleet.hosts.values())
         placed = []
         for entry in entries:
@@ -91,6 +142,8 @@ class FleetExecutor:
             echo(plain(text), err=True)
 
     def _row(self, entry: SuiteEntry, ended: EndedRun) -> SuiteRun:
+        from r2bspec.compare.report_input import read_folder
+
         try:
             if ended.error is not None:
                 raise ended.error
@@ -106,14 +159,14 @@ class FleetExecutor:
         Raises:
             R2bspecError: the base has errors, or the files cannot travel.
         """
+        from r2bspec.compare.base_reference import parse_base_reference
+        from r2bspec.fleet.bundle import make_bundle
+        from r2bspec.fleet.client import FleetRun
+        from r2bspec.fleet.host import Job
+
         options = self.options
         sides = [entry.benchmark]
-        flags = {
-            "--smoke": options.smoke,
-            "--control": options.control,
-            "--force": options.force,
-        }
-        words = [name for name, is_given in flags.items() if is_given]
+        words = ["--smoke"] if options.smoke else []
         words += ["--pairs", str(options.pairs)] if options.pairs is not None else []
         if options.against:
             reference = parse_base_reference(options.against)
@@ -126,5 +179,11 @@ class FleetExecutor:
             folder=Path(entry.folder),
             host=entry.host,
             plan=entry.benchmark.plan,
-            job=Job(archive, plan, "".join(base), tuple(words)),
+            job=Job(
+                archive,
+                "compare" if options.compares else "run",
+                plan,
+                "".join(base),
+                tuple(words),
+            ),
         )
