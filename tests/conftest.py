@@ -35,7 +35,13 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
     compileall.compile_dir(Path(__file__).parents[1] / "r2bspec", quiet=1)
 
 _UNIT = Path(__file__).with_name("unit")
-_LONGEST = frozenset({"test_ros_tutorial.py", "test_ros_merge_gate.py", "test_ros_diagnosis.py"})
+_LONGEST = frozenset(
+    f"test_{name}.py"
+    for name in (
+        *("ros_merge_gate", "ros_diagnosis", "ros_tune", "ros_anatomy", "ros_truth"),
+        *("ros_turns", "fleet_runs", "ros_tutorial", "fault_interruption", "ros_relay_run"),
+    )
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -104,7 +104,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Finished:
         graph={"nodes": nodes},
         monitors={kind: {"topic": f"out/{kind}", "format": IMAGE} for kind in (*APART, *TOGETHER)},
     )
-    spec["benchmark"] |= {"iterations": 2, "rates": [f"{STEPS} Hz"]}
+    spec["benchmark"] |= {"iterations": 2, "rates": [f"{STEPS} Hz"], "drain_timeout": "2 s"}
     return bench.run(spec)
 
 

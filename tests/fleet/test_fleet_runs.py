@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from nightly import only_nightly, size
+
 pytest.importorskip("rclpy")
 pytest.importorskip("distributed")
 
@@ -19,6 +21,7 @@ from ros_runs import Bench
 pytestmark = pytest.mark.timeout(HANG_S)
 
 HOSTS = ("a", "b", "c")
+RUNS = size(4, 6)
 PLAYED = (0, 4)
 """The exit status of runs that pass, or are invalid as the machine was late."""
 
@@ -43,12 +46,12 @@ def shape(folder: Path) -> Any:
     return record.plan_hash, files, sorted(result), result["spec"]
 
 
-def test_six_runs_end_well_though_a_host_is_lost_in_the_middle(
+def test_runs_end_well_though_a_host_is_lost_in_the_middle(
     hosts: Hosts, bench: Bench, tmp_path: Path
 ) -> None:
     spec = bench.write(quick_spec(), "relay")
     output = tmp_path / "out"
-    titles = ",".join(f"run{number}" for number in range(6))
+    titles = ",".join(f"run{number}" for number in range(RUNS))
     client = hosts.start_client(spec, "--scan", f"title={titles}", output=output)
     wait_until(lambda: len(list(output.glob("*/result.json"))) >= 2, "two runs")
     wait_until(lambda: bool(hosts.playing()), "a run that plays")
@@ -57,9 +60,9 @@ def test_six_runs_end_well_though_a_host_is_lost_in_the_middle(
     done = hosts.finish(client, output)
     assert done.status in PLAYED, done.stderr
     runs = done.runs().values()
-    assert [run["name"] for run in runs] == [f"relay[title=run{number}]" for number in range(6)]
+    assert [run["name"] for run in runs] == [f"relay[title=run{number}]" for number in range(RUNS)]
     assert {run["outcome"] for run in runs} <= {"pass", "invalid"}
-    assert len({open_run(Path(run["folder"])).record.run_id for run in runs}) == 6
+    assert len({open_run(Path(run["folder"])).record.run_id for run in runs}) == RUNS
     assert f"the host {victim} has left the fleet" in done.stderr
     assert "Traceback" not in done.stderr
     here = bench.run(spec, "--scan", "title=run0")
@@ -70,6 +73,7 @@ def test_six_runs_end_well_though_a_host_is_lost_in_the_middle(
     hosts.start_worker(victim)
 
 
+@only_nightly()
 def test_a_run_whose_only_host_is_lost_is_played_when_it_is_back(
     hosts: Hosts, bench: Bench, tmp_path: Path
 ) -> None:
@@ -96,6 +100,7 @@ def test_a_spec_chooses_its_host_and_what_no_host_fits_is_said_before_anything_r
     assert done.stderr.index("error[R2B683") < done.stderr.index("[1/1] here on b")
 
 
+@only_nightly()
 def test_pairs_are_played_on_one_host(hosts: Hosts, bench: Bench, tmp_path: Path) -> None:
     spec = bench.write(quick_spec(), "relay")
     base = "set:graph.nodes.relay.parameters.service_time_ms=2.0"

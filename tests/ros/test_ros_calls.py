@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 pytest.importorskip("test_msgs")
 
@@ -166,6 +168,7 @@ def test_services_are_called_in_steps_of_inputs(bench: Bench) -> None:
     assert (roles["player"], roles["caller"]) == ("player", "caller")
 
 
+@only_nightly()
 def test_a_service_in_c_is_called(bench: Bench) -> None:
     # A command without settings of ROS runs as it is written: in no namespace.
     called = {**SLOW, "name": "/double"}

@@ -192,6 +192,7 @@ SERVICE = {"name": "nobody", "type": "rcl_interfaces/srv/GetParameters", "reques
             "R2B647",
             ("service /r2b/nobody does not exist",),
             id="a service is not there",
+            marks=only_nightly(),
         ),
         pytest.param(
             {"graph": {"nodes": {"relay": relay_node(cpus=[4095])}}},

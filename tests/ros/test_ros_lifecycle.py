@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from r2bspec.errors import R2bspecError
@@ -108,6 +110,7 @@ def test_nodes_are_configured_then_activated_in_the_order_of_the_spec(chain: Any
         assert all(0 < wait.took_ns <= phase.took_ns for wait in phase.waits)
 
 
+@only_nightly()
 def test_a_manager_in_the_graph_is_left_to_it(chain: Any) -> None:
     manager = {"python": "./nodes.py:Manager", "publishes": {"unused": IMAGE}}
     done = chain(others={"manager": manager}, late={"parameters": {"gain": 2.0}})
@@ -118,7 +121,11 @@ def test_a_manager_in_the_graph_is_left_to_it(chain: Any) -> None:
 @pytest.mark.parametrize(
     ("fails", "cause"),
     [
-        ("raises", "on_configure raised ValueError: there is no model (nodes.py,"),
+        pytest.param(
+            "raises",
+            "on_configure raised ValueError: there is no model (nodes.py,",
+            marks=only_nightly(),
+        ),
         ("refuses", "on_configure returned FAILURE"),
     ],
 )
@@ -154,6 +161,7 @@ def test_a_node_that_nothing_activates_is_said_and_not_waited_for(chain: Any) ->
     assert "write 'lifecycle: active'" in done.error
 
 
+@only_nightly()
 def test_a_node_without_states_is_named(bench: Bench) -> None:
     spec = relay_spec()
     spec["graph"]["nodes"]["relay"]["lifecycle"] = "active"
@@ -189,7 +197,7 @@ except (KeyboardInterrupt, ExternalShutdownException):
 """
 
 
-@pytest.mark.parametrize("fails", [False, True])
+@pytest.mark.parametrize("fails", [pytest.param(False, marks=only_nightly()), True])
 def test_an_executable_is_brought_up_by_the_services_that_it_has(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, fails: bool
 ) -> None:

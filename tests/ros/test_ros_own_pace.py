@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from c_nodes import c_node_spec
@@ -120,6 +122,7 @@ def test_the_memory_of_the_node_is_locked(done: Finished) -> None:
     assert locked["monitor"] == 0
 
 
+@only_nightly()
 @pytest.mark.skipif(not MAY_LOCK, reason="a memory lock is not permitted")
 def test_the_memory_of_a_program_with_the_harness_in_it_is_locked(bench: Bench) -> None:
     relay = c_node_spec("relay", scheduling={"memory_lock": True})

@@ -138,6 +138,7 @@ def test_outputs_that_carry_no_stamp_or_another_are_not_waited_for_in_vain(
     assert took_s < 5.0 * (COUNT // 4) / 2
 
 
+@only_nightly()
 def test_a_shortfall_of_a_chain_names_the_topic_and_the_counts(tmp_path: Path) -> None:
     bench = Bench(tmp_path, {"/camera": range(0, 6 * 33, 33)})
     bench.write_node("nodes.py", NODES)

@@ -95,7 +95,8 @@ def test_a_run_with_a_profiler_is_observed_from_inside_too(bench: Bench) -> None
     assert done.run().has_anatomy(seen)
 
 
-@pytest.mark.parametrize("placement", ["separate", pytest.param("graph", marks=only_nightly())])
+@only_nightly()
+@pytest.mark.parametrize("placement", ["separate", "graph"])
 def test_perf_shows_the_functions_of_a_program_in_c(bench: Bench, placement: str) -> None:
     require("perf")
     node = c_node_spec("relay", parameters={"service_time_ms": 10.0})

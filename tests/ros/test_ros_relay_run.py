@@ -20,7 +20,7 @@ SERVICE_S = 0.010
 RATES_HZ = (5.0, 10.0)
 DURATION_S = 1
 ITERATIONS = 2
-PRECISION, CONFIRM_S = 0.1, 1
+PRECISION, CONFIRM_S = 0.2, 1
 
 SPEC = relay_spec(
     playback=MEASURED,
@@ -175,9 +175,6 @@ def test_every_process_was_sampled_while_it_ran(done: Finished) -> None:
     relay = rows[rows["process"] == names.index("relay")]
     assert relay["cpu_s"].max() > 0.1
     assert relay["memory_bytes"].max() > 10_000_000
-
-
-# The numbers
 
 
 # The peak

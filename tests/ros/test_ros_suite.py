@@ -57,7 +57,6 @@ def test_the_live_graph_finds_its_tag(tmp_path: Path) -> None:
     assert done.monitor("detections")["received"] > 0
 
 
-@only_nightly()
 def test_the_rectify_node_answers_every_image(tmp_path: Path) -> None:
     done = Bench(tmp_path).run(short(tmp_path, "rectify_node"))
     done.assert_complete()
@@ -65,13 +64,14 @@ def test_the_rectify_node_answers_every_image(tmp_path: Path) -> None:
     assert (seen["answered"], seen["missed"]) == (5, 0)
 
 
+@only_nightly()
 @pytest.mark.parametrize(
     ("name", "monitor"),
     [
         ("disparity_graph", "disparity"),
-        pytest.param("disparity_node", "disparity", marks=only_nightly()),
-        pytest.param("apriltag_node", "detections", marks=only_nightly()),
-        pytest.param("apriltag_graph", "detections", marks=only_nightly()),
+        ("disparity_node", "disparity"),
+        ("apriltag_node", "detections"),
+        ("apriltag_graph", "detections"),
     ],
 )
 def test_the_graph_answers_the_images_of_its_cameras(

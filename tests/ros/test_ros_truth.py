@@ -31,7 +31,6 @@ def run(
     required: dict[str, tuple[str, ...]],
     by_order: str,
     drain: str,
-    iterations: int = 2,
 ) -> Finished:
     """A run of nodes of these kinds, each with a monitor of its name and its requirements."""
     spec = relay_spec(
@@ -59,7 +58,7 @@ def run(
             }
         },
     )
-    spec["benchmark"] |= {"duration": "2 s", "iterations": iterations, "drain_timeout": drain}
+    spec["benchmark"] |= {"duration": "2 s", "iterations": 2, "drain_timeout": drain}
     spec["benchmark"]["gate"] = {"confirm": False, "interference": "tolerate"}
     done = bench.run(spec)
     assert done.run().record.status == "complete", done.stderr
@@ -133,7 +132,7 @@ def given_up(bench: Bench) -> Finished:
         "Restamps": ("latency.p50 < 1 s",),
         "SecondsLate": ("drop_rate <= 10 %",),
     }
-    return run(bench, required, "DropsSome", "500 ms", iterations=3)
+    return run(bench, required, "DropsSome", "500 ms")
 
 
 def test_by_order_the_latency_of_a_node_that_drops_is_unknown(given_up: Finished) -> None:

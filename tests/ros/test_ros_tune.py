@@ -1,4 +1,4 @@
-"""A search among four values on real ROS 2, from the trials to the overlay."""
+"""A search among three values on real ROS 2, from the trials to the overlay."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ SPEC = relay_spec(
     graph={"nodes": {"relay": relay_node(BUSY_MS)}},
     slos={"all": {"at": "20 Hz", "require": ["drop_rate <= 90 %"]}},
     tune={
-        "values": {SERVICE_TIME: [0.0, 10.0], "graph.nodes.relay.nice": [5, 10]},
+        "values": {SERVICE_TIME: [0.0, 10.0]},
         "pairs": 3,
-        "trials": 5,
+        "trials": 3,
     },
 )
 
@@ -46,8 +46,8 @@ def test_cheaper_values_are_found_and_proved(bench: Bench) -> None:
     assert proof["pairs"] in {2, 3}
     # Nothing is left of the relay's own work, and its middleware takes less than that.
     assert proof["ratio"] < proof["upper"] < 1
-    assert [trial["number"] for trial in found["trials"]] == [0, 1, 2, 3, 4]
-    assert all((folder / "trials" / f"{n:03d}" / "result.json").exists() for n in range(5))
+    assert [trial["number"] for trial in found["trials"]] == [0, 1, 2]
+    assert all((folder / "trials" / f"{n:03d}" / "result.json").exists() for n in range(3))
     assert (folder / "trials" / "proof" / "result.json").exists()
     written = load_spec(overlay).spec
     assert written is not None

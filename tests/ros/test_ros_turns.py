@@ -17,7 +17,7 @@ from ros_runs import WORKER, Bench, Finished, relay_spec
 from ros_runs import bench as bench
 
 SPEC = relay_spec(
-    variables={"steps": 40_000},
+    variables={"steps": 120_000},
     graph={
         "nodes": {
             "worker": {"python": "./worker.py:Worker", "parameters": {"steps": "$(var steps)"}}
@@ -34,11 +34,11 @@ SPEC = relay_spec(
 
 @pytest.fixture(scope="module")
 def compared(bench: Bench) -> Finished:
-    """A worker against one that computes a third as much, two starts of both."""
+    """A worker against one that computes three times as much, two starts of both."""
     bench.write_node("worker.py", WORKER)
-    base = bench.write(SPEC | {"variables": {"steps": 40_000}}, "base")
+    base = bench.write(SPEC, "base")
     return bench.compare(
-        SPEC | {"variables": {"steps": 120_000}}, "--against", str(base), "--pairs", "2"
+        SPEC | {"variables": {"steps": 40_000}}, "--against", str(base), "--pairs", "2"
     )
 
 
@@ -85,7 +85,7 @@ def test_work_is_that_of_the_steps(compared: Finished) -> None:
             read_samples(pairs.run(pair, "base" if side == "base" else "head")).turns[20.0]
             for side in ("base", "head")
         )
-        ratio = np.nanmedian(head.work["graph"] / base.work["graph"])
+        ratio = np.nanmedian(base.work["graph"] / head.work["graph"])
         # The loop alone is three times as long; what else a step costs is the same, and a clock
         # that runs slower beside other programs is the same for both.
         assert 1.5 < ratio < 3.5
@@ -97,8 +97,7 @@ def test_the_verdict_rests_on_turns(compared: Finished) -> None:
     result = json.loads((compared.folder / "result.json").read_text())
     work, absolute = result["verdict"]["requirements"]
     assert work["method"] == "trimmed t by turns"
-    # Two, and three more that confirm a failure.
-    assert len(work["compared"]["head_values"]) in {2, 5}
+    assert len(work["compared"]["head_values"]) == 2
     assert absolute["method"] != "trimmed t by turns"
     assert "starts of both sides, played by turns" in compared.words
 
@@ -115,9 +114,9 @@ def test_what_cannot_be_up_twice_is_played_one_after_the_other(bench: Bench) -> 
     )
     base = bench.write(SPEC, "base")
     done = bench.compare(
-        SPEC | {"variables": {"steps": 41_000}}, "--against", str(base), "--pairs", "2"
+        SPEC | {"variables": {"steps": 41_000}}, "--against", str(base), "--pairs", "1"
     )
     pairs = open_comparison(done.folder)
     assert not pairs.record.by_turns
-    assert len(pairs.usable_pairs()) == 2
+    assert len(pairs.usable_pairs()) == 1
     assert "the sides are played one after the other" in done.stderr

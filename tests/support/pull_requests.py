@@ -22,6 +22,7 @@ import yaml
 
 from git_repositories import commit, git, write_files
 from github_runner import Event, Runner, pull_request_of
+from nightly import size
 from recipe_hosts import GATE, WORKFLOW
 from ros_runs import IMAGE, quick_input, write_bag
 
@@ -98,7 +99,7 @@ def spec(**changes: object) -> str:
         "monitors": {"blurred": {"topic": "blurred", "format": IMAGE}},
         "benchmark": {
             "duration": "1 s",
-            "iterations": 3,
+            "iterations": size(1, 3),
             "rates": ["20 Hz"],
             "warm_up": "100 ms",
             "start_timeout": "60 s",
