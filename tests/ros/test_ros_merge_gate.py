@@ -4,9 +4,9 @@ The table of docs/gate.md has the expected outcomes; `test_the_page_has_this_tab
 `OUTCOMES`. How often a comparison of starts errs is simulated (tests/simulation): these tests
 assert only what no load of the machine can change.
 
-Every kind goes through the steps of the GitHub action, whose summary and comment the assertions
-read. The shell script differs in what comes before and after a run; what is played is the same. So
-one kind goes through both; R2BSPEC_NIGHTLY=1 sends all of them.
+Every kind goes through the step of the GitHub action, whose summary the assertions read. The shell
+script differs in what comes before and after a run; what is played is the same. So one kind goes
+through both; R2BSPEC_NIGHTLY=1 sends all of them.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ def test_equal_graphs_fail_in_at_most_five_percent_and_never_with_a_margin(pairs
 def test_pairs_that_may_end_early_pass_no_oftener_where_something_is_rare(
     head: str, quantity: str
 ) -> None:
-    runs = size(20, 400)
+    runs = size(10, 400)
     early = errors_of_pairs(head, quantity, 10, runs=runs)
     whole = errors_of_pairs(head, quantity, 10, looks=False, runs=runs)
     assert early.passed <= whole.passed + 0.02 + noise(0.1)

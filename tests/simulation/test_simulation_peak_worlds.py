@@ -17,7 +17,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from nightly import noise, size
+from nightly import noise, sampled, size
 from simulated_speeds import FALLING, RARE, WORLDS, Found, find, required
 
 pytestmark = pytest.mark.simulation
@@ -37,7 +37,7 @@ def results(name: str) -> Counter[str]:
     return Counter(search.result for search in searches(name))
 
 
-@pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.parametrize("name", sampled(WORLDS, 3))
 def test_no_bracket_is_wrong_without_a_word_and_every_search_ends(name: str) -> None:
     found = searches(name)
     number = len(found)
@@ -45,7 +45,7 @@ def test_no_bracket_is_wrong_without_a_word_and_every_search_ends(name: str) -> 
     assert all(search.played_s <= 2 * search.budget_s for search in found)
 
 
-@pytest.mark.parametrize("name", [*STEADY, *FALLING])
+@pytest.mark.parametrize("name", sampled([*STEADY, *FALLING], 3))
 def test_the_bracket_of_a_steady_graph_is_rarely_left_open(name: str) -> None:
     assert results(name)["right"] >= (0.9 - noise(0.3)) * len(searches(name))
 
@@ -74,7 +74,7 @@ def test_a_bracket_of_two_percent_takes_about_a_minute() -> None:
     assert np.median([search.played_s for search in found]) <= 90
 
 
-@pytest.mark.parametrize("name", UNSTEADY)
+@pytest.mark.parametrize("name", sampled(UNSTEADY, 3))
 def test_a_graph_that_is_not_steady_is_called_that(name: str) -> None:
     counts = results(name)
     assert counts["unsteady"] + counts["open"] + counts["not shown"] >= 0.9 * len(searches(name))

@@ -31,6 +31,15 @@ def git(folder: Path, *arguments: str, stdin: str = "") -> str:
     return done.stdout.strip()
 
 
+def clone(origin: Path, folder: Path, reference: str, *options: str) -> Path:
+    """Clone as a CI service does: a reference is checked out, and no branch is known."""
+    git(origin, "init", "--quiet", str(folder))
+    git(folder, "remote", "add", "origin", origin.as_uri())
+    git(folder, "fetch", "--quiet", "--no-tags", *options, "origin", reference)
+    git(folder, "checkout", "--quiet", "--detach", "FETCH_HEAD")
+    return folder
+
+
 def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
     """Write files by their paths below a folder."""
     for path, content in files.items():

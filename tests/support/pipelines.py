@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,24 +71,31 @@ class Workplace:
         )
         return done.returncode, done.stdout.decode(errors="replace")
 
-    def action(self, python: str, spec: str, **variables: str) -> Ended:
+    def action(
+        self,
+        python: str,
+        spec: str,
+        base: str = "",
+        inputs: Mapping[str, str] | None = None,
+        **variables: str,
+    ) -> Ended:
+        """Run the benchmark as the action does, in a pull request with a base if there is one."""
+        step = STEPS["Run the benchmark"]
+        defaults = {name: about.get("default", "") for name, about in ACTION["inputs"].items()}
+        contexts = {
+            "inputs": {**defaults, "python": python, "spec": spec, **(inputs or {})},
+            "github": {"event": {"pull_request": {"base": {"sha": base}}}},
+        }
         output, summary = self.runner / "output", self.runner / "summary"
         values = {
-            "R2BSPEC_PYTHON": python,
-            "R2BSPEC_SPEC": spec,
-            "R2BSPEC_ALLOW": "",
-            "R2BSPEC_ARGUMENTS": "",
-            "R2BSPEC_INCONCLUSIVE": "fail",
-            "R2BSPEC_BASE": "",
+            **{name: _value(text, contexts) for name, text in step["env"].items()},
             "RUNNER_TEMP": str(self.runner),
             "GITHUB_WORKSPACE": str(self.checkout),
             "GITHUB_REPOSITORY": "owner/robot",
             "GITHUB_OUTPUT": str(output),
             "GITHUB_STEP_SUMMARY": str(summary),
         }
-        code, printed = self.shell(
-            "bash", STEPS["Run the benchmark"]["run"], **{**values, **variables}
-        )
+        code, printed = self.shell("bash", step["run"], **{**values, **variables})
         outputs = read_outputs(output.read_text()) if output.exists() else {}
         return Ended(code, printed, outputs, summary.read_text() if summary.exists() else "")
 
@@ -102,6 +110,17 @@ class Workplace:
         script = "\n".join([*JOB["before_script"], *JOB["script"]])
         code, printed = self.shell(shell, script, **{**values, **variables})
         return Ended(code, printed, {}, "")
+
+
+def _value(expression: str, contexts: Mapping[str, Any]) -> str:
+    """Return the first value that is not empty of an expression such as ``${{ a.b || a.c }}``."""
+    for path in expression.removeprefix("${{").removesuffix("}}").split("||"):
+        value: Any = contexts
+        for name in path.strip().split("."):
+            value = value.get(name) or {}
+        if value:
+            return str(value)
+    return ""
 
 
 def read_outputs(text: str) -> dict[str, str]:

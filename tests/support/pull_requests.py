@@ -20,10 +20,10 @@ from typing import Literal
 
 import yaml
 
-from git_repositories import commit, git, write_files
-from github_runner import Event, Runner, pull_request_of
+from git_repositories import clone, commit, git, write_files
 from nightly import size
-from recipe_hosts import GATE, WORKFLOW
+from pipelines import Workplace
+from recipe_hosts import GATE, MERGED, publish_merge
 from ros_runs import IMAGE, quick_input, write_bag
 
 Recipe = Literal["action", "shell"]
@@ -187,13 +187,11 @@ class Workspace:
         return self.top.parent / "runner"
 
     def shallow_clone(self) -> Workspace:
-        """A clone without any base; that of GitHub's runner is always one."""
+        """Return a clone without any base; what the action checks out is one always."""
         if self.recipe == "action":
             return self
-        clone = self.top.parent / "clone"
-        url = f"file://{self.top}"
-        git(clone.parent, "clone", "--quiet", "--depth=1", "--branch=change", url, str(clone))
-        return Workspace(clone, self.site)
+        folder = clone(self.top, self.top.parent / "clone", "change", "--depth=1")
+        return Workspace(folder, self.site)
 
     def environment(self) -> dict[str, str]:
         """The environment of a pipeline: the package of the work tree and its dependency."""
@@ -233,48 +231,30 @@ class Workspace:
     def _by_action(
         self, arguments: Sequence[str], spec: str, base: str, allow: str, output: Path
     ) -> Gated:
-        """Run the workflow of docs/ci.md; the job and the summary agree."""
-        runner = Runner(
-            self._runner,
-            self.top.as_uri(),
-            inputs={
-                "python": sys.executable,
-                "spec": spec,
-                "base": "" if base == "main" else base,
-                "allow": allow,
-                "arguments": "\n".join(arguments),
-            },
-            environment={"PYTHONPATH": self.environment()["PYTHONPATH"]},
+        """Run the action on the merge that the service makes, with what is not committed."""
+        # The base is an ancestor, so the merge has the files of the head.
+        head, main = (git(self.top, "rev-parse", name) for name in ("HEAD", "main"))
+        words = ("commit-tree", "-p", main, "-p", head, "-m", "merge", "HEAD^{tree}")
+        publish_merge(self.top, git(self.top, *words))
+        shutil.rmtree(self._runner, ignore_errors=True)
+        self._runner.mkdir()
+        clone(self.top, self.head, MERGED, "--depth=1")
+        if changes := git(self.top, "diff", "HEAD"):
+            git(self.head, "apply", stdin=f"{changes}\n")
+        inputs = {"allow": allow, "arguments": "\n".join(arguments)}
+        if base != "main":
+            inputs["base"] = base
+        done = Workplace(self.head, self._runner).action(
+            sys.executable, spec, main, inputs, PYTHONPATH=self.environment()["PYTHONPATH"]
         )
-        job = runner.run(self._workflow(), self._event())
-        outputs = job.outputs["gate"]
-        status = int(outputs["status"])
-        assert outputs["outcome"] == _OUTCOMES[status], job.printed
-        assert job.failed is (status != 0), job.printed
-        assert job.uploaded == [Path(outputs["folder"])]
-        shutil.move(outputs["folder"], output)
+        status = int(done.outputs["status"])
+        assert done.outputs["outcome"] == _OUTCOMES[status], done.printed
+        assert (done.code != 0) is (status != 0), done.printed
+        shutil.move(done.outputs["folder"], output)
         summary = output / "reports" / "summary.md"
-        assert summary.is_file(), job.printed
-        assert job.summary == summary.read_text()
-        return Gated(status, job.printed, _shown(job.summary), output / "run")
-
-    def _event(self) -> Event:
-        """The pull request as the service makes it: its merge with the base is checked out."""
-        head, base = git(self.top, "rev-parse", "HEAD"), git(self.top, "rev-parse", "main")
-        tree = "HEAD^{tree}"  # the base is an ancestor, so the merge has the files of the head
-        merge = git(self.top, "commit-tree", "-p", base, "-p", head, "-m", "merge", tree)
-        return pull_request_of(self.top, base, head, merge)
-
-    def _workflow(self) -> str:
-        """The workflow of the page, with a step that makes the changes which are not committed."""
-        changes = git(self.top, "diff", "HEAD")
-        if not changes:
-            return WORKFLOW
-        patch = self.top.parent / "changes.patch"
-        patch.write_text(f"{changes}\n")
-        checkout = "      - uses: actions/checkout@v4\n"
-        assert checkout in WORKFLOW
-        return WORKFLOW.replace(checkout, f"{checkout}      - run: git apply '{patch}'\n")
+        assert summary.is_file(), done.printed
+        assert done.summary == summary.read_text()
+        return Gated(status, done.printed, _shown(done.summary), output / "run")
 
 
 @dataclass(frozen=True)
