@@ -11,7 +11,7 @@ comma := ,
 EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision),report
 
 .DEFAULT_GOAL := help
-.PHONY: help demo suite test install install-dev lint types imports unit robustness coverage ros nightly generated bench clean
+.PHONY: help demo suite test install install-dev lint types imports unit robustness without-ros coverage ros nightly generated bench clean
 
 help:
 	@echo "make demo      install, then run specs/apriltag_node.r2b.yaml on real ROS 2"
@@ -36,7 +36,7 @@ SMOKE ?=
 suite: install
 	$(BIN)/r2bspec run specs/suite $(if $(SMOKE),--smoke)
 
-test: install-dev lint types imports unit robustness ros
+test: install-dev lint types imports without-ros ros
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -66,12 +66,19 @@ imports: install-dev
 # Three at a time on two processors: a quarter of their time they wait for other processes.
 PYTEST = $(BIN)/pytest -n $$(( ($$(nproc) * 3 + 1) / 2 ))
 
-unit: install-dev
-	$(PYTEST) tests/unit tests/property tests/golden tests/mutation tests/editors
-
+UNIT := tests/unit tests/property tests/golden tests/mutation tests/editors
 # Simulated runs of known truth, hostile and damaged files, and pages in a browser.
+ROBUSTNESS := tests/simulation tests/fuzz tests/browser
+
+unit: install-dev
+	$(PYTEST) $(UNIT)
+
 robustness: install-dev
-	$(PYTEST) tests/simulation tests/fuzz tests/browser
+	$(PYTEST) $(ROBUSTNESS)
+
+# Both at once, which starts and ends once.
+without-ros: install-dev
+	$(PYTEST) $(UNIT) $(ROBUSTNESS)
 
 # Apart from both, which it would make half as long again.
 coverage: install-dev

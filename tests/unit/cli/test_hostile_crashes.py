@@ -63,7 +63,7 @@ def _put(document: Any, place: tuple[str | int, ...], value: object) -> Any:
     return document
 
 
-EXTREME = [10**40, -(10**40), 10**400, 1e308, -1e308]
+EXTREME = [10**40, 10**400, -1e308]
 
 PLAN_PLACES: dict[tuple[str | int, ...], list[object]] = {
     ("gate", "confidence"): [-1, 0, 1, 2**63, *EXTREME],

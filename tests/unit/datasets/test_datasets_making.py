@@ -240,41 +240,7 @@ def test_a_window_may_hold_no_message(tmp_path: Path) -> None:
     assert verify(made.path) == []
 
 
-def test_no_topics_are_no_dataset(tmp_path: Path) -> None:
-    assert refusal_of(make, "r2b_storage", [], SEVENTY_MS, cache_dir=tmp_path).code == "R2B308"
-
-
 # The catalogue describes what will be made, to the byte, without making it.
-
-
-def test_carries_the_sequences_of_r2b_2023() -> None:
-    assert set(SEQUENCES) == {
-        "r2b_lounge",
-        "r2b_storage",
-        "r2b_hallway",
-        "r2b_datacenter",
-        "r2b_cafe",
-        "r2b_hideaway",
-        "r2b_mezzanine",
-        "r2b_hope",
-    }
-    topics = describe("r2b_storage").topics
-    assert {
-        name: (info.type.rpartition("/")[2], info.rate_hz, info.count)
-        for name, info in topics.items()
-        if not name.endswith("camera_info")
-    } == {
-        "/d455_1_depth": ("Image", 30.0, 300),
-        "/d455_1_imu": ("Imu", 200.0, 2000),
-        "/d455_1_left_ir_image": ("Image", 30.0, 300),
-        "/d455_1_right_ir_image": ("Image", 30.0, 300),
-        "/d455_1_rgb_image": ("Image", 30.0, 300),
-        "/hawk_0_left_rgb_image": ("Image", 30.0, 300),
-        "/hawk_0_right_rgb_image": ("Image", 30.0, 300),
-        "/pandar_xt_32_0_lidar": ("PointCloud2", 10.0, 100),
-    }
-    assert sum(name.endswith("camera_info") for name in topics) == 5
-    assert set(describe("r2b_hope").topics) == {"/image"}
 
 
 def test_the_description_is_the_index_of_what_is_made(storage_room: SyntheticDataset) -> None:
