@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from command_line import Call
+from nightly import sampled
 from r2bspec.errors import R2bspecError
 from r2bspec.execute import controller, errors
 from r2bspec.record.run_record import Difference
@@ -48,7 +49,9 @@ ERRORS = [
 ]
 
 
-@pytest.mark.parametrize("error", ERRORS, ids=lambda error: f"{type(error).__name__}-{error.code}")
+@pytest.mark.parametrize(
+    "error", sampled(ERRORS, 4), ids=lambda error: f"{type(error).__name__}-{error.code}"
+)
 def test_the_result_says_what_the_process_ended_with(
     error: R2bspecError, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
