@@ -275,31 +275,3 @@ def test_what_a_dying_node_prints_of_its_secrets_does_not_reach_the_record(
     (value,) = NAMED.values()
     for text in (done.stdout, done.stderr, (done.folder / "record.json").read_text()):
         assert value not in text
-
-
-def test_a_secret_that_the_spec_lists_reaches_processes_and_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("NAMED_TOKEN", "a-secret-of-the-user")
-    bench = Bench(tmp_path)
-    bench.write_node(
-        "my_node.py",
-        """
-class Checks(Node):
-    def __init__(self, **kwargs):
-        super().__init__('checks', **kwargs)
-        import os
-        print('it is there' if os.environ['NAMED_TOKEN'].startswith('a-secret') else 'it is not')
-""",
-    )
-    spec = relay_spec(environment=["NAMED_TOKEN"])
-    spec["graph"]["nodes"]["checks"] = {"python": "./my_node.py:Checks"}
-    done = bench.run(spec)
-    done.assert_complete()
-    assert "it is there" in done.log("checks")
-    said = {"stdout": done.stdout, "stderr": done.stderr} | {
-        str(path): path.read_bytes().decode("latin-1")
-        for path in done.folder.rglob("*")
-        if path.is_file()
-    }
-    assert [name for name, text in said.items() if "a-secret-of-the-user" in text] == []
