@@ -127,7 +127,11 @@ def spec() -> dict[str, Any]:
         },
     )
     used["monitors"]["twoforthree"] |= {"match": "order", "ratio": {"inputs": 3, "outputs": 2}}
-    used["benchmark"] |= {"iterations": ITERATIONS, "rates": [f"{STEPS} Hz"]}
+    used["benchmark"] |= {
+        "iterations": ITERATIONS,
+        "rates": [f"{STEPS} Hz"],
+        "drain_timeout": "2 s",
+    }
     used["slos"] = {
         "ratio": {
             "at": f"{STEPS} Hz",
