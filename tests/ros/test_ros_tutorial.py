@@ -103,8 +103,8 @@ def test_the_workflow_of_the_tutorial_gates_a_pull_request(place: Path, tmp_path
     publish_merge(upstream, head)
     workflow = page_file("tutorial.md", "robot/.github/workflows/benchmark.yml")
     *_, step = yaml.safe_load(workflow)["jobs"]["stereo"]["steps"]
-    place = Workplace(clone(upstream, tmp_path / "checkout", MERGED, "--depth=1"), tmp_path)
-    job = place.action(sys.executable, step["with"]["spec"], git(upstream, "rev-parse", "main"))
+    job_place = Workplace(clone(upstream, tmp_path / "checkout", MERGED, "--depth=1"), tmp_path)
+    job = job_place.action(sys.executable, step["with"]["spec"], git(upstream, "rev-parse", "main"))
     if "INCONCLUSIVE" in job.summary or "INVALID" in job.summary:
         skip_for_load("compare two nodes of which one is 40 ms slower")
     assert job.code == 1, job.printed

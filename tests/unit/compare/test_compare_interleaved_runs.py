@@ -18,7 +18,7 @@ from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSid
 from r2bspec.compare.interleaved_runs import compare
 from r2bspec.compare.report_input import judge_comparison_folder
 from r2bspec.errors import ExitStatus
-from r2bspec.execute.errors import NotReadyError, ProcessDiedError, RunError, UnwritableRunError
+from r2bspec.execute.errors import ProcessDiedError, RunError, UnwritableRunError
 from r2bspec.execute.states import Progress
 from r2bspec.plan.plan import Plan
 from r2bspec.record import run_folder, sample_arrays
@@ -75,6 +75,7 @@ class Host:
         budget_s: float = 0.0,
         *,
         confirm: bool = False,
+        progress: Progress | None = None,
     ) -> PairedComparison:
         """Compare two sides that differ in nothing but their names, and in an environment."""
         plan = msgspec.structs.replace(template().plan(), phases=("start", "harness_overhead"))
@@ -82,7 +83,8 @@ class Host:
         gate = msgspec.structs.replace(plan.gate, confirm=confirm, time_budget_ns=budget_ns)
         side = ComparisonSide(msgspec.structs.replace(plan, gate=gate), self.tmp_path, "")
         base = replace(side, environment=environment or {})
-        compare(ComparisonSpec(base, side, PAIRS), self.tmp_path / "pairs")
+        folder = self.tmp_path / "pairs"
+        compare(ComparisonSpec(base, side, PAIRS), folder, *([progress] if progress else []))
         return open_comparison(self.tmp_path / "pairs")
 
 
@@ -101,9 +103,22 @@ def again(folders: list[str]) -> list[str]:
     return [name for name in folders if name.endswith("again")]
 
 
-@pytest.mark.parametrize("host", [[CALM]], indirect=True)
-def test_the_recorded_order_is_the_order_that_was_played(host: Host) -> None:
-    pairs = host.compare().record
+SECRETS = {"API_TOKEN": "very-secret", "OMP_NUM_THREADS": "4", "GONE_KEY": ""}
+
+
+@pytest.fixture(scope="module")
+def calm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Host, PairedComparison]:
+    """A comparison that nothing disturbs, whose base has secrets in its environment."""
+    made = Host(tmp_path_factory.mktemp("calm"), [CALM])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(interleaved_runs, "run_plan", made.run_plan)
+        return made, made.compare(SECRETS)
+
+
+def test_the_recorded_order_is_the_order_that_was_played(
+    calm: tuple[Host, PairedComparison],
+) -> None:
+    host, pairs = calm[0], calm[1].record
     assert pairs.seed
     assert {pair.order for pair in pairs.pairs} == {"AB", "BA"}
     played = [
@@ -115,7 +130,9 @@ def test_the_recorded_order_is_the_order_that_was_played(host: Host) -> None:
 
 
 @pytest.mark.parametrize("host", [[BUSY]], indirect=True)
-def test_the_samples_of_each_run_are_read_once(host: Host, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_busy_host_plays_two_pairs_again_and_reads_the_samples_of_each_run_once(
+    host: Host, monkeypatch: pytest.MonkeyPatch
+) -> None:
     read: Counter[Path] = Counter()
 
     def read_rows(path: Path, *others: Any) -> Rows:
@@ -123,7 +140,9 @@ def test_the_samples_of_each_run_are_read_once(host: Host, monkeypatch: pytest.M
         return sample_arrays.read_rows(path, *others)
 
     monkeypatch.setattr(run_folder, "arrays", SimpleNamespace(**vars(sample_arrays) | locals()))
-    host.compare()
+    pairs = host.compare().record
+    assert len(again(host.folders)) == 2 * 2
+    assert any("the machine is always busy" in note for note in pairs.notes)
     assert {path.parts[len(host.tmp_path.parts) + 1] for path in read} == {"base", "head"}
     assert set(read.values()) == {1}
 
@@ -140,24 +159,16 @@ def test_pairs_that_confirm_a_failure_continue_the_list(host: Host) -> None:
     assert (verdict.outcome, verdict.reason.endswith("Confirmed by new pairs.")) == ("fail", True)
 
 
-@pytest.mark.parametrize("host", [[CALM]], indirect=True)
-def test_the_harness_overhead_is_measured_in_the_first_run_of_the_head_alone(host: Host) -> None:
-    host.compare()
-    assert host.overheads == ["head/001"]
+def test_the_harness_overhead_is_measured_in_the_first_run_of_the_head_alone(
+    calm: tuple[Host, PairedComparison],
+) -> None:
+    assert calm[0].overheads == ["head/001"]
 
 
-@pytest.mark.parametrize("host", [[CALM]], indirect=True)
-def test_values_of_secrets_are_not_recorded(host: Host) -> None:
-    pairs = host.compare({"API_TOKEN": "very-secret", "OMP_NUM_THREADS": "4", "GONE_KEY": ""})
-    assert pairs.record.environment == {"API_TOKEN": "***", "OMP_NUM_THREADS": "4", "GONE_KEY": ""}
+def test_values_of_secrets_are_not_recorded(calm: tuple[Host, PairedComparison]) -> None:
+    pairs = calm[1]
+    assert pairs.record.environment == SECRETS | {"API_TOKEN": "***"}
     assert "very-secret" not in (pairs.folder / "pairs.json").read_text()
-
-
-@pytest.mark.parametrize("host", [[BUSY]], indirect=True)
-def test_on_a_host_that_is_always_busy_two_pairs_are_played_again_and_no_more(host: Host) -> None:
-    pairs = host.compare().record
-    assert len(again(host.folders)) == 2 * 2
-    assert any("the machine is always busy" in note for note in pairs.notes)
 
 
 @pytest.mark.parametrize("host", [[BUSY]], indirect=True)
@@ -184,26 +195,6 @@ class Notes(Progress):
         self.texts.append(text)
 
 
-@pytest.mark.parametrize("host", [[CALM]], indirect=True)
-def test_the_output_of_a_base_that_fails_twice_is_told_once(
-    host: Host, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def run_plan(plan: Plan, *, folder: RunFolder, **others: object) -> None:
-        if folder.path.parent.name == "base":
-            raise RunError("relay ended; its last output:\nTraceback\nKeyError: 'gain'")
-        host.run_plan(plan, folder=folder, **others)
-
-    monkeypatch.setattr(interleaved_runs, "run_plan", run_plan)
-    side = ComparisonSide(template().plan(), tmp_path, "")
-    notes = Notes()
-    with pytest.raises(BaseFailsError, match="Traceback\nKeyError: 'gain'"):
-        compare(ComparisonSpec(side, side, PAIRS), tmp_path / "pairs", notes)
-    assert "pair 1 is played again: the base failed: relay ended" in notes.texts
-    assert not any("Traceback" in text for text in notes.texts)
-    (pair, *_) = open_comparison(tmp_path / "pairs").record.pairs
-    assert pair.unusable.endswith("KeyError: 'gain'")
-
-
 @pytest.mark.parametrize("host", [[BUSY] * PAIRS + [CALM]], indirect=True)
 def test_pairs_are_played_again_until_that_decides(host: Host) -> None:
     pairs = host.compare()
@@ -217,8 +208,7 @@ def test_pairs_are_played_again_until_that_decides(host: Host) -> None:
 @pytest.mark.parametrize(
     ("cause", "status"),
     [
-        (ProcessDiedError("the node blur exited with status 1"), ExitStatus.USAGE),
-        (NotReadyError("the graph is not ready"), ExitStatus.USAGE),
+        (ProcessDiedError("blur ended; its last output:\nKeyError: 'gain'"), ExitStatus.USAGE),
         (UnwritableRunError("no space left on the device"), ExitStatus.RUN_FAILED),
     ],
     ids=lambda value: type(value).__name__,
@@ -234,6 +224,12 @@ def test_a_base_whose_code_fails_twice_is_not_to_be_tried_again(
         host.run_plan(plan, folder=folder, **others)
 
     monkeypatch.setattr(interleaved_runs, "run_plan", run_plan)
-    with pytest.raises(BaseFailsError) as raised:
-        host.compare()
+    notes = Notes()
+    with pytest.raises(BaseFailsError, match=str(cause)) as raised:
+        host.compare(progress=notes)
     assert raised.value.exit_code == status
+    first_line, *last_lines = str(cause).splitlines()
+    assert f"pair 1 is played again: the base failed: {first_line.partition(';')[0]}" in notes.texts
+    assert not any(line in text for line in last_lines for text in notes.texts)
+    (pair, *_) = open_comparison(host.tmp_path / "pairs").record.pairs
+    assert pair.unusable.endswith(str(cause))
