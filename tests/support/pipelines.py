@@ -76,14 +76,30 @@ class Workplace:
         python: str,
         spec: str,
         base: str = "",
-        inputs: Mapping[str, str] | None = None,
+        *,
+        given_base: str = "",
+        allow: str = "",
+        arguments: str = "",
+        inconclusive: str = "fail",
         **variables: str,
     ) -> Ended:
-        """Run the benchmark as the action does, in a pull request with a base if there is one."""
+        """Run the benchmark as the action does, in a pull request with a base if there is one.
+
+        Args:
+            python: has r2bspec.
+            spec: that is run.
+            base: of the pull request.
+            given_base: the input ``base``; other inputs have their names.
+            allow: an input.
+            arguments: an input.
+            inconclusive: an input.
+            variables: of the environment.
+        """
         step = STEPS["Run the benchmark"]
-        defaults = {name: about.get("default", "") for name, about in ACTION["inputs"].items()}
+        inputs = {"python": python, "spec": spec, "base": given_base, "allow": allow}
+        inputs |= {"arguments": arguments, "inconclusive": inconclusive}
         contexts = {
-            "inputs": {**defaults, "python": python, "spec": spec, **(inputs or {})},
+            "inputs": inputs,
             "github": {"event": {"pull_request": {"base": {"sha": base}}}},
         }
         output, summary = self.runner / "output", self.runner / "summary"

@@ -241,11 +241,14 @@ class Workspace:
         clone(self.top, self.head, MERGED, "--depth=1")
         if changes := git(self.top, "diff", "HEAD"):
             git(self.head, "apply", stdin=f"{changes}\n")
-        inputs = {"allow": allow, "arguments": "\n".join(arguments)}
-        if base != "main":
-            inputs["base"] = base
         done = Workplace(self.head, self._runner).action(
-            sys.executable, spec, main, inputs, PYTHONPATH=self.environment()["PYTHONPATH"]
+            sys.executable,
+            spec,
+            main,
+            given_base="" if base == "main" else base,
+            allow=allow,
+            arguments="\n".join(arguments),
+            PYTHONPATH=self.environment()["PYTHONPATH"],
         )
         status = int(done.outputs["status"])
         assert done.outputs["outcome"] == _OUTCOMES[status], done.printed

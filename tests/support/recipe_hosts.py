@@ -77,8 +77,8 @@ class Hosts:
         values = {"STATUS": "0", **environment}
         if name == "github":
             place = self.place("--depth=1")
-            inputs = {"allow": allow} | ({"inconclusive": inconclusive} if inconclusive else {})
-            done = place.action(self.python, spec, base, inputs, **values)
+            options = {"allow": allow, "inconclusive": inconclusive or "fail"}
+            done = place.action(self.python, spec, base, **options, **values)
             return done.code, done.printed, given_arguments(place.checkout)
         values["R2BSPEC_ALLOW"] = allow
         if inconclusive:

@@ -44,12 +44,6 @@ def test_pixels_of_the_other_byte_order_are_swapped(encoding: str) -> None:
     np.testing.assert_array_equal(seen, pixels)
 
 
-def test_byte_order_means_nothing_to_single_bytes() -> None:
-    sent = message(pixels_of("rgb8"), "rgb8")
-    sent.is_bigendian = 1
-    assert np.shares_memory(images.view(sent), np.frombuffer(sent.data, np.uint8))
-
-
 def test_the_last_row_needs_no_padding() -> None:
     pixels = pixels_of("mono8")
     sent = message(pixels, "mono8", padding=4)
@@ -92,11 +86,6 @@ def test_gray_weighs_the_colours_by_their_names(encoding: str, red: int) -> None
     assert images.gray(pixels, encoding)[0, 0] == pytest.approx(0.299 * 200, abs=1)
 
 
-def test_gray_leaves_a_gray_image_as_it_is() -> None:
-    pixels = pixels_of("mono8")
-    assert images.gray(pixels, "mono8") is pixels
-
-
 def test_depth_has_no_luminance() -> None:
     with pytest.raises(ValueError, match="'16UC1' is not one of mono8, rgb8"):
         images.gray(pixels_of("16UC1"), "16UC1")
@@ -114,9 +103,3 @@ def test_resizing_fills_the_memory_that_it_returns(
     data = images.resize(message(pixels, encoding, padding), 8, 9, interpolation)
     resized = np.frombuffer(data, pixels.dtype).reshape(images.PIXEL_FORMATS[encoding].shape(9, 8))
     np.testing.assert_allclose(resized, 77, rtol=1e-6)
-
-
-def test_resizing_a_big_endian_image_gives_native_pixels() -> None:
-    pixels = pixels_of("16UC1", 8, 8).astype(">u2")
-    data = images.resize(message(pixels, "16UC1"), 8, 8, 0)
-    np.testing.assert_array_equal(np.frombuffer(data, np.uint16).reshape(8, 8), pixels)

@@ -5,9 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import pytest
-
-import r2bspec.nodes
 from r2bspec.extras import install_command
 
 
@@ -18,12 +15,3 @@ def test_a_missing_opencv_is_named_with_its_remedy() -> None:
     ).stderr
     assert "ImportError: this node needs OpenCV" in refused
     assert install_command("vision") in refused
-
-
-def test_an_unknown_node_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="has no attribute 'RezizeNode'"):
-        getattr(r2bspec.nodes, "RezizeNode")  # noqa: B009
-
-
-def test_the_nodes_are_listed() -> None:
-    assert {"AprilTagNode", "RelayNode", "ResizeNode"} <= set(dir(r2bspec.nodes))

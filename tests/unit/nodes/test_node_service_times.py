@@ -27,12 +27,3 @@ def test_the_seed_decides_the_sequence() -> None:
 
     assert first(1) == first(1)
     assert first(1) != first(2)
-
-
-def test_no_time_is_a_time() -> None:
-    assert next(service_times_ns(0.0, "exponential", 0)) == 0
-
-
-def test_an_unknown_jitter_is_refused() -> None:
-    with pytest.raises(ValueError, match="'pareto' is not one of none, exponential"):
-        service_times_ns(1.0, "pareto", 0)

@@ -90,12 +90,6 @@ def test_the_valid_window_is_that_of_opencv() -> None:
         assert found == ValidWindow(x, y, width, height)
 
 
-def test_a_negative_disparity_lies_outside_of_the_right_image_at_the_right_edge() -> None:
-    parameters = MatcherParameters(min_disparity_px=-16, range_px=48, window_px=21)
-    window = stereo.valid_window(parameters, WIDTH, HEIGHT)
-    assert window == ValidWindow(31 + 10, 10, WIDTH - 16 - 10 - 41, HEIGHT - 20)
-
-
 def test_points_lie_on_the_rays_of_their_pixels_at_their_depth() -> None:
     projection = np.array([[120.0, 0, 30.5, 0], [0, 110.0, 21.25, 0], [0, 0, 1, 0]])
     disparity = np.random.default_rng(3).uniform(1, 60, (40, 60)).astype(np.float32)
@@ -110,12 +104,6 @@ def test_points_lie_on_the_rays_of_their_pixels_at_their_depth() -> None:
     for row, column in ((5, 7), (6, 8)):
         assert all(np.isnan(cloud[name][row, column]) for name in "xyz")
     assert np.isnan(cloud["z"]).sum() == 2
-
-
-def test_values_below_the_smallest_disparity_are_none() -> None:
-    disparity = np.array([[3.0, 4.0]], np.float32)
-    cloud = stereo.points(disparity, np.eye(3, 4), 1.0, 1.0, min_disparity_px=4.0)
-    assert np.isnan(cloud["z"]).tolist() == [[True, False]]
 
 
 @pytest.mark.parametrize(

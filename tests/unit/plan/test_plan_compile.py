@@ -226,11 +226,6 @@ def test_each_start_has_at_least_two_iterations(benchmark: str, starts: int) -> 
     assert compile_plan(spec_with(benchmark=benchmark), None).starts == starts
 
 
-def test_the_default_plays_for_as_long_as_before_there_were_starts() -> None:
-    (play,) = compile_plan(spec_with(), None).play
-    assert play.iterations * play.duration_ns == 25 * 10**9
-
-
 @pytest.mark.parametrize("starts", [1, 3])
 def test_external_nodes_have_one_start(starts: int) -> None:
     node = "external: true, publishes: {output: sensor_msgs/msg/Image}"
@@ -301,11 +296,6 @@ def test_two_cameras_three_milliseconds_apart_are_pairs_and_keep_their_differenc
     assert (4, 4) not in aligned.steps
     assert aligned.unpaired == {"/left": 1}
     assert set(aligned.stamp_offsets_ns) == {(-3 * MS, 0)}
-
-
-def test_a_slop_that_nothing_needs_changes_nothing() -> None:
-    left, right = recorded("/left", 10, 20, 30), recorded("/right", 10, 20, 30)
-    assert align([left, right], 0, [5, 5]) == align([left, right], 0)
 
 
 def test_the_larger_slop_of_a_pair_counts() -> None:
