@@ -12,7 +12,7 @@ from r2bspec.tune.search import Found, Search
 
 pytestmark = pytest.mark.simulation
 
-GRAPHS = size(32, 200)
+GRAPHS = size(20, 200)
 
 
 @cache
