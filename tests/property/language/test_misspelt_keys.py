@@ -33,7 +33,9 @@ def keys_of(node: yaml.Node, path: tuple[str | int, ...] = ()) -> Iterator[yaml.
 @pytest.mark.parametrize("file", sampled(SPECS, 6), ids=lambda file: file.name.partition(".")[0])
 def test_a_misspelt_key_is_reported_at_its_line(file: Path) -> None:
     text = file.read_text(encoding="utf-8")
-    for key in keys_of(yaml.compose(text)):
+    document = yaml.compose(text)
+    assert document is not None
+    for key in keys_of(document):
         end = key.end_mark.index
         found = check(load_spec(f"{text[:end]}x{text[end:]}", file=str(file)))
         lines = {finding.span.line for finding in found if finding.severity == "error"}
