@@ -111,7 +111,9 @@ def spec_from_sources(name: str, folder: Path, sources: InitSources) -> FirstSpe
 
 
 def find_node(wanted: str, folder: Path) -> str:
-    """A Python node as a spec names it: ``PACKAGE:EXECUTABLE`` is the function of that script.
+    """Return a Python node of the command line as a spec in a folder names it.
+
+    A path is relative to the current folder; ``PACKAGE:EXECUTABLE`` is the function of that script.
 
     An installed package counts before one whose source is in the work tree of the spec.
 
@@ -119,7 +121,9 @@ def find_node(wanted: str, folder: Path) -> str:
         UsageError: there is no such script.
     """
     package, colon, executable = wanted.partition(":")
-    if not colon or package.endswith(".py") or "/" in package:
+    if colon and package.endswith(".py") and not package.startswith("/"):
+        return f"{_written(package, folder)}{colon}{executable}"
+    if not colon or "/" in package:
         return wanted
     if script := installed_script(package, executable):
         return script
@@ -184,8 +188,8 @@ def check_node_file(target: str, folder: Path) -> None:
     if python.module:
         return
     if not is_regular(python.file):
-        hint = "Paths are relative to the folder of the spec."
-        raise UsageError(f"{python.file} does not exist", hint=hint)
+        hint = "A path on the command line is relative to the current folder."
+        raise UsageError(f"{os.path.relpath(python.file)} does not exist", hint=hint)
     try:
         names = top_level_names(python.file)
     except SyntaxError as error:

@@ -57,7 +57,7 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     "--node",
     default="",
     metavar="TARGET",
-    help="The node under test: ./file.py:Class, relative to the spec, module.Class, or "
+    help="The node under test: ./file.py:Class, module.Class, or "
     "PACKAGE:EXECUTABLE of a Python package; a main() in place of the class, too.",
 )
 @click.option(

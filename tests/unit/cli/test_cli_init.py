@@ -95,6 +95,14 @@ def test_wrong_usage_writes_nothing(arguments: list[str], said: str, call: Call)
     assert [file.name for file in Path().iterdir()] == ["here.py"]
 
 
+def test_a_path_of_the_command_line_is_relative_to_the_current_folder(call: Call) -> None:
+    Path("here.py").write_text("class Here: ...\n", encoding="utf-8")
+    Path("bench").mkdir()
+    call("init", "bench/camera", "--node", "./here.py:Here", status=0)
+    assert "../here.py:Here" in Path("bench/camera.r2b.yaml").read_text()
+    assert "bench/here.py" not in call("init", "x", "--node", "gone.py:Gone", status=2).err
+
+
 def test_the_list_says_what_each_is_for(call: Call) -> None:
     lines = call("init", "--list", status=0).out.splitlines()
     assert [line.split()[0] for line in lines] == list(templates())

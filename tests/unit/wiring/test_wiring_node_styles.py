@@ -35,8 +35,12 @@ def wired(file: Path) -> NodeWiring:
 
 @pytest.mark.parametrize("style", TARGETS)
 def test_init_writes_a_valid_spec_that_knows_the_topics(
-    style: str, bench: Path, capsys: pytest.CaptureFixture[str]
+    style: str,
+    bench: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.chdir(bench)
     target, subscribed, published = TARGETS[style]
     file = bench / f"{style}.r2b.yaml"
     assert main(["init", str(bench / style), "--node", target]) == 0
@@ -53,7 +57,10 @@ def test_init_writes_a_valid_spec_that_knows_the_topics(
     capsys.readouterr()
 
 
-def test_what_a_file_says_of_the_state_is_written(bench: Path) -> None:
+def test_what_a_file_says_of_the_state_is_written(
+    bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(bench)
     node = "./lidar_filter.py:LidarFilter"
     assert main(["init", str(bench / "state"), "--node", node]) == 0
     nodes = yaml.safe_load((bench / "state.r2b.yaml").read_text())["graph"]["nodes"]
@@ -99,12 +106,13 @@ def test_classes_are_followed_through_the_files_of_a_package(tmp_path: Path) -> 
 
 
 def test_a_node_of_which_nothing_is_known_is_said_to_be_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "nodes").mkdir()
     (tmp_path / "nodes" / "relay.py").write_text("class Relay: pass\n")
     (tmp_path / "bench").mkdir()
-    assert main(["init", str(tmp_path / "bench/own"), "--node", "../nodes/relay.py:Relay"]) == 0
+    assert main(["init", str(tmp_path / "bench/own"), "--node", "nodes/relay.py:Relay"]) == 0
     assert (
         "'input' and 'output' stand for them:\n  ../nodes/relay.py is not read: it is in no git"
         in (capsys.readouterr().out)
