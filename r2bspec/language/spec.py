@@ -92,7 +92,7 @@ class Requires(Record, frozen=True, kw_only=True):
         gpu: Whether the machine must have a GPU.
         cores: The fewest CPUs.
         ros_distro: The ROS distribution.
-        labels: Labels that its owner gave the machine; values may be patterns.
+        labels: Labels of the machine; values may be patterns.
     """
 
     about = key({"arch": "aarch64", "gpu": True})
@@ -180,8 +180,8 @@ class Spec(Record, frozen=True, kw_only=True):
         name: The name of the benchmark, in results and baselines.
         title: A title of one line, shown in reports.
         description: What is measured, and why.
-        extends: The file that this one extends, relative to it. Maps are merged, lists are
-            replaced, and null removes a key.
+        extends: The file that this file extends. Maps are merged, lists are replaced, and null
+            removes a key.
         labels: Labels that reports show.
         requires: What the machine of a run must be; others are refused.
         environment: The environment variables that $(env NAME) may read.

@@ -25,7 +25,7 @@ class BagSource(Record, frozen=True, kw_only=True):
 
     Attributes:
         dataset: The name of a dataset; 'r2bspec data list' lists them.
-        sha256: The digest of the data, as 'r2bspec data info' shows it; other content is refused.
+        sha256: The digest that 'r2bspec data info' prints; other content is refused.
     """
 
     about = key("r2b_storage", {"path": "./bags/kitchen"})
@@ -71,13 +71,12 @@ class DataLoader(Record, frozen=True, kw_only=True):
 
     Attributes:
         bag: The recording: the name of a dataset, or the path of a bag relative to this file.
-        bags: Several recordings instead, in the order of recording; their topics are merged.
+        bags: Several recordings, in the order of recording; their topics are merged.
         window: The part of the recording to use, relative to its first message.
         topics: The topics to load: the topic in the bag, and the topic in the graph.
         publish_tf: Whether the recorded /tf is played with the inputs.
         publish_tf_static: Whether the recorded /tf_static is published before playing starts.
-        real_time: Whether the preprocessors get the messages at the recorded times, not as fast as
-            they process them.
+        real_time: Whether the preprocessors get the messages at the recorded times.
     """
 
     about = key({"bag": "r2b_storage", "topics": {"/d455_1_rgb_image": "data_loader/image"}})
@@ -137,13 +136,11 @@ class PlaybackInput(Record, frozen=True, kw_only=True):
         source: The loaded or preprocessed topic that provides the messages.
         format: The type of its messages.
         qos: The QoS profile of the player's publisher, or its name.
-        timestamp: header writes the time of playing into each header; none leaves messages as
-            recorded.
-        pairing: Which messages of this input belong to a step, if not as in 'playback.pairing'.
-        rate: step plays one message in each step; recorded plays all between two steps, for an
-            input with another rate, such as an IMU.
-        clock_ahead: How far the clock that stamped this input was ahead of the others; its stamps
-            count as earlier by so much.
+        timestamp: header writes the time of playing into each header; none leaves the recorded one.
+        pairing: The pairing of this input, if it differs from 'playback.pairing'.
+        rate: step plays one message in each step; recorded plays all messages between two steps,
+            for a faster input such as an IMU.
+        clock_ahead: How far the clock that stamped this input was ahead of the other clocks.
     """
 
     about = key(_IMAGE_INPUT)
@@ -176,12 +173,12 @@ class Call(Record, frozen=True, kw_only=True):
 
     Attributes:
         service: The service and its request.
-        action: The action and its goal, measured as NAME up to the result and as NAME_accepted. A
+        action: The action and its goal. NAME measures the result, NAME_accepted the acceptance. A
             goal that does not succeed counts as missed.
         each: Fields that differ from call to call, used in turn.
-        source: The loaded topic NAME/_service_event, whose recorded requests are used in turn, or
-            with mode timeline at their times. Stated fields replace theirs.
-        every: It is called at every step, or at every 30th.
+        source: The loaded topic NAME/_service_event: its recorded requests are used in turn, or
+            with mode timeline at their times. Stated fields replace recorded fields.
+        every: Call at every step, or at every n-th step.
         success: A field of the response; where it is false, the call counts as missed.
         feedback: Whether NAME_feedback is measured, up to the first feedback.
     """
@@ -229,7 +226,7 @@ class Timeline(Record, frozen=True, kw_only=True):
 
     Attributes:
         speed: The speed of playing relative to the recording.
-        translations: Delays of inputs: how much later than recorded they are played and stamped.
+        translations: Delays of inputs, added to their times of playing and their stamps.
     """
 
     about = key({"speed": "50 %"})
@@ -245,22 +242,21 @@ class Playback(Record, frozen=True, kw_only=True):
     """How the buffered messages are played to the graph.
 
     Attributes:
-        mode: looping repeats the messages at the offered rate; sweeping plays them forwards and
-            backwards in turn; timeline plays them at the recorded times; live plays nothing.
+        mode: looping repeats the messages at the offered rate; sweeping alternates forwards and
+            backwards; timeline uses the recorded times; live plays nothing.
         buffer: The number of messages of each input; 0 means all of the window.
-        inputs: The topics that are played. All inputs of one step are played together, with the
-            same stamp unless 'pairing' allows differences.
-        calls: Services and actions that are called in each step. Each is measured under its name:
-            its answers are the outputs.
-        unpaired: Messages without a partner in all other inputs, or with mode timeline without a
-            recorded message of their stamp, are not played. refuse warns above 5 % of an input, and
-            stops above 50 %; drop agrees to any number.
-        timeline: With mode timeline: how recorded times are converted to times of playing.
-        record_timeline: Whether the timeline follows the times at which the preprocessors
-            published.
-        tf: Whether stamps in /tf are shifted like others, or kept.
+        inputs: The topics that are played. All inputs of a step are played together, with the same
+            stamp unless 'pairing' allows differences.
+        calls: Services and actions that are called in each step. Their answers are outputs,
+            measured under the name of the call.
+        unpaired: What happens to messages without a partner in every other input, which are never
+            played: refuse warns above 5 % of an input and stops above 50 %; drop accepts any
+            number.
+        timeline: With mode timeline: how recorded times become times of playing.
+        record_timeline: Whether the timeline uses the times at which the preprocessors published.
+        tf: Whether stamps in /tf are shifted like other stamps, or kept.
         pairing: Which messages of several inputs are one step.
-        clock: Whether the system time is published on /clock, 100 times per second, for nodes with
+        clock: Whether the system time is published on /clock at 100 Hz, for nodes with
             'use_sim_time'.
     """
 
@@ -298,8 +294,7 @@ class Transport(Record, frozen=True, kw_only=True):
 
     Attributes:
         kind: How messages are transported.
-        segment: The size of the shared memory segment of each process; by default for the largest
-            message.
+        segment: The shared memory segment of each process; default: for the largest message.
     """
 
     about = key("shared_memory", {"kind": "shared_memory", "segment": "64 MiB"})
@@ -318,11 +313,11 @@ class Harness(Record, frozen=True, kw_only=True):
     """Where the player and the monitors run.
 
     Attributes:
-        placement: Whether player and monitors run in separate processes, share one, or run in the
-            graph: the player in the process that reads the inputs, each monitor in the one that
-            publishes its topic.
-        process: With placement graph: the node or process that gets the player, if that is not
-            clear; NODE/PROGRAM of a launch file.
+        placement: separate: player and monitors have processes of their own; shared: they share a
+            process; graph: the player runs in the process that reads the inputs, and each monitor
+            in the process that publishes its topic.
+        process: With placement graph: the node or process that gets the player, if that is
+            ambiguous; NODE/PROGRAM of a launch file.
     """
 
     about = key("graph", {"placement": "graph", "in": "detector"})
@@ -360,10 +355,10 @@ class MonitorSettings(Record, frozen=True, kw_only=True):
     once.
 
     Attributes:
-        match: How outputs are matched to inputs: by the stamp in the header, by order, or not at
-            all: own_pace is for outputs of a timer, of which no number is expected.
-        qos: The profile of the subscription, or its name; default: the profile that is offered.
-        label: What reports call it.
+        match: How outputs are matched to inputs: by the stamp in the header, by order, or with
+            own_pace not at all, for outputs of a timer.
+        qos: The profile of the subscription, or its name; default: the profile of the publisher.
+        label: The name in reports.
     """
 
     match: Literal["stamp", "order", "own_pace"] = "stamp"
@@ -382,12 +377,13 @@ class Monitor(MonitorSettings, frozen=True, kw_only=True):
     Attributes:
         topic: The topic to monitor.
         format: The type of its messages.
-        answers: With mode timeline: the inputs that its messages answer. Only steps with messages
-            of all of them count. Default: all inputs with a path to the topic.
+        answers: With mode timeline: the inputs that the outputs answer; only steps with all of
+            these inputs count. Default: all inputs with a path to the topic.
         ratio: How many outputs answer how many inputs.
-        taps: Whether the topics on its path are monitored, too, for the latency of each hop.
-        process: With 'harness: {placement: graph}': the node or process that gets the monitor, if
-            not the publisher's.
+        taps: Whether the topics between inputs and output are monitored, too, for the latency of
+            each hop.
+        process: With placement graph: the node or process that gets the monitor, if not the
+            publisher's.
     """
 
     about = key({"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"})
@@ -418,11 +414,10 @@ class Search(Record, frozen=True, kw_only=True):
     Attributes:
         min: The lowest rate of the search.
         max: The highest rate of the search.
-        precision: The search ends when the peak is known to this relative precision.
+        precision: The relative precision at which the search ends.
         holds: Further conditions for a sustained rate.
         probe: The maximum duration of the probe of one rate.
-        confirm: How long the lower end of the result is played without a pause before it counts; 0
-            s: not at all.
+        confirm: How long the lower end of the result is played to confirm it; 0 s: not at all.
         confidence: The confidence at which a rate is sustained, or not.
     """
 
@@ -487,15 +482,15 @@ class Gate(Record, frozen=True, kw_only=True):
     """How verdicts are reached, and their consequences.
 
     Attributes:
-        confidence: The confidence of a verdict, pass or fail, unless an objective sets its own.
-        inconclusive: What an inconclusive verdict does: report has an exit status of its own.
-        confirm: Whether a failure counts only if it is confirmed in new processes.
-        time_budget: The maximum duration of measuring: what would exceed it of additional
-            iterations, repetitions and confirmation is skipped.
-        interference: The effect of other load on the machine: tolerate judges the run as it was
-            measured; note makes a failure inconclusive if it is not clear without the load.
-        base: How the base of 'r2bspec gate' becomes what runs: its own version of this
-            key counts. Paths are relative to the top of the work tree.
+        confidence: The confidence of a verdict, unless an objective sets its own.
+        inconclusive: The outcome of an inconclusive verdict; report has its own exit status.
+        confirm: Whether a failure counts only if new processes confirm it.
+        time_budget: The maximum duration of measuring; further starts, reruns and confirmation are
+            skipped if they would exceed it.
+        interference: tolerate ignores other load on the machine; note makes a failure inconclusive
+            if the load can explain it.
+        base: How 'r2bspec gate' builds the base. The base's own version of this key counts. Paths
+            are relative to the top of the work tree.
     """
 
     about = key({"confidence": "99 %", "inconclusive": "fail"})
@@ -549,8 +544,8 @@ class StartWaits(Record, frozen=True, kw_only=True):
     All of it is a part of the time of a run, and a smoke run shortens it.
 
     Attributes:
-        warm_up: How long is played after each start before anything is counted; at least until
-            every monitor has received a message.
+        warm_up: How long each start plays before anything counts, and at least until every monitor
+            has received a message.
     """
 
     warm_up: Annotated[Duration, key("1 s", "0 s")] = Duration(10**9)
@@ -563,9 +558,9 @@ class Pacing(StartWaits, frozen=True, kw_only=True):
     a key of the language and a field of `r2bspec.plan.plan.Plan` at once.
 
     Attributes:
-        start_timeout: How long the graph may take from its first process to its first output.
-        drain_timeout: How long the graph may publish nothing after the last input of an iteration,
-            until missing outputs count as lost.
+        start_timeout: The maximum time from the first process of the graph to its first output.
+        drain_timeout: How long the graph may be silent after the last input of an iteration before
+            missing outputs count as lost.
     """
 
     start_timeout: Annotated[Duration, key("30 s", "2 min", positive=True, changes="graph")] = (
@@ -583,15 +578,14 @@ class Benchmark(Pacing, frozen=True, kw_only=True):
     Attributes:
         duration: The duration of one iteration.
         iterations: The number of iterations at each rate, over all starts.
-        starts: How often all processes are started afresh at most, each time for a part of the
+        starts: How often all processes are started, at most, each time for a part of the
             iterations: once, or at least 3 times. Default: 5, or as many as have two iterations
             each; 1 for graphs with external nodes.
-        max_iterations: The maximum number of iterations at each rate while a verdict is
-            inconclusive.
-        anatomy: Observe the processes of the graph, or of the listed nodes alone, from inside in
-            every iteration, for metrics such as NODE.callback.p99. 'run --anatomy' observes one
-            more iteration instead.
-        rates: The rates at which the inputs are played: a list, or a range.
+        max_iterations: The maximum number of iterations at each rate, to decide an inconclusive
+            verdict.
+        anatomy: Trace the processes of the graph, or of the listed nodes, in every iteration, for
+            metrics such as NODE.callback.p99. 'run --anatomy' traces one extra iteration instead.
+        rates: The rates at which the inputs are played.
         search: Search for the highest rate at which the backlog of unanswered messages does not
             grow.
         gate: How verdicts are reached, and their consequences.
@@ -627,12 +621,12 @@ class Objective(Record, frozen=True, kw_only=True):
     """Requirements at one rate.
 
     Attributes:
-        at: The rate at which the requirements apply, or peak; none for requirements on the search,
-            such as peak.rate.
+        at: The rate at which the requirements apply, or peak; omitted for requirements on the
+            search.
         level: error fails the run; warn and info only report; off skips the objective.
-        when: The objective applies only if these variables have these values.
-        confidence: The confidence of the verdict, if not that of benchmark.gate.
-        require: The requirements, such as latency.p99 < 50 ms, optionally 'in 99 % of 1 s windows'.
+        when: Apply the objective only if these variables have these values.
+        confidence: The confidence of the verdict; default: that of benchmark.gate.
+        require: The requirements, optionally 'in 99 % of 1 s windows'.
         at_peak: Whether `at` is the highest rate that the search finds.
     """
 

@@ -99,10 +99,10 @@ class ProcessSettings(Record, frozen=True, kw_only=True):
 
     Attributes:
         cpus: The CPUs of the process; empty means all.
-        nice: The niceness of the process; values below 0 need a permission.
-        executor: Whether callbacks of Python nodes, or of component_container_isolated, run one
+        nice: The niceness of the process; values below 0 need permission.
+        executor: Whether the callbacks of Python nodes, or of component_container_isolated, run one
             after another or in parallel.
-        threads: The number of threads of the executor; 0 means its default.
+        threads: The threads of the executor; 0 means its default.
     """
 
     cpus: _Cpus = ()
@@ -117,7 +117,7 @@ class StartedProcess(ProcessSettings, frozen=True, kw_only=True):
 
     Attributes:
         prefix: Words before the command line, such as a profiler.
-        memory_limit: The maximum resident memory of the process; beyond it, the run fails.
+        memory_limit: The maximum resident memory of the process. If it is exceeded, the run fails.
     """
 
     prefix: Annotated[tuple[Word, ...], key(["perf", "record", "-g"])] = ()
@@ -162,7 +162,7 @@ class QoS(Record, frozen=True, kw_only=True):
     """A quality-of-service profile; the default is the one that rclpy uses for `depth=10`.
 
     Attributes:
-        profile: The profile on which this map is based.
+        profile: The profile that this map changes.
         reliability: Whether lost messages are sent again. A reliable subscription does not match a
             best-effort publisher.
         durability: Whether a later subscription gets the last messages.
@@ -194,8 +194,7 @@ class Container(StartedProcess, frozen=True, kw_only=True):
     """A process for several nodes.
 
     Attributes:
-        executable: The kind of container: one of rclcpp_components for plugins, or python for
-            Python nodes.
+        executable: A container of rclcpp_components for plugins, or python for Python nodes.
         arguments: Arguments of a container of rclcpp_components.
     """
 
@@ -292,30 +291,30 @@ class Node(StartedProcess, frozen=True, kw_only=True):
 
     Attributes:
         description: What the node does.
-        python: A Python node, as module.Class, or ./file.py:Class relative to this file: a subclass
-            of rclpy's Node, a function that returns a node, or a main() that calls rclpy.init.
+        python: module.Class, or ./file.py:Class relative to this file: a subclass of rclpy's Node,
+            a function that returns a node, or a main() that calls rclpy.init.
         package: The ROS package of the plugin or the executable.
-        plugin: The C++ class of a composable node in the package.
+        plugin: The C++ class of a component.
         executable: The executable of the package, as for 'ros2 run'.
-        command: Any program with its arguments, one item each, run without a shell. A namespace,
-            remappings and parameters follow after --ros-args if the node has any of them,
-            'publishes' or 'subscribes'.
-        launch: A launch file: 'package' and 'file', or 'path'. Remappings and namespace of the node
-            apply to everything that it starts.
-        external: Whether the node is already running. The run waits for it and does not stop it.
+        command: A program with its arguments, run without a shell. Namespace, remappings and
+            parameters follow after --ros-args if the node has any of them, 'publishes' or
+            'subscribes'.
+        launch: A launch file: 'package' and 'file', or 'path'. The remappings and the namespace of
+            the node apply to everything that it starts.
+        external: Whether the node already runs. The run waits for it and does not stop it.
         container: The container of the node; without one, graph.placement applies.
-        lifecycle: The state into which the run brings a lifecycle node: all nodes are configured in
-            the order of the spec, then activated. Without this key the run changes no state.
-        intra_process: Whether a plugin exchanges messages with those of its container by pointer:
-            'use_intra_process_comms' of launch files. Both sides need it.
-        extra_arguments: Further arguments with which a plugin is loaded, as in launch files.
+        lifecycle: The state to which the run brings a lifecycle node: all nodes are configured in
+            the order of the spec, then activated. Default: the run changes no state.
+        intra_process: Whether a plugin exchanges messages by pointer within its container
+            ('use_intra_process_comms'). Both sides need it.
+        extra_arguments: Further arguments with which a plugin is loaded.
         arguments: Arguments of an executable or a command.
-        namespace: The namespace of the node, by default in that of the benchmark.
-        parameters: ROS parameters: a map, the path of a parameter file, or a list of both, in which
-            later items have precedence. Nested names have dots: camera.fx.
-        remappings: The name in the code of the node, and the topic to use instead.
+        namespace: The namespace of the node, below that of the benchmark.
+        parameters: ROS parameters: a map, a parameter file, or a list of both, in which later items
+            have precedence. Nested names have dots: camera.fx.
+        remappings: Names in the code of the node, and the topics to use instead.
         publishes: The topics that the node publishes, by their names in its code, with their types,
-            where 'validate' does not know them.
+            if 'validate' cannot read them.
         subscribes: The topics to which it subscribes, likewise.
         qos: The QoS profiles of its topics, by their names in its code.
         parameter_sources: Files and values in the order in which they apply; empty if there is no
@@ -422,10 +421,9 @@ class SetupStep(Record, frozen=True, kw_only=True):
     """A command that runs before anything else is started.
 
     Attributes:
-        command: The program with its arguments, one item each, run without a shell.
-        creates: The file that the command creates. If it exists, the command is skipped; other runs
-            wait while it is created.
-        timeout: The maximum duration of the command; beyond it, the run fails.
+        command: The program with its arguments, run without a shell.
+        creates: The file that the command creates. If the file exists, the command is skipped.
+        timeout: The maximum duration of the command.
         directory: The working directory; default: the folder of this file.
     """
 
@@ -467,7 +465,7 @@ class ReadyProbe(Record, frozen=True, kw_only=True):
         service: A service that is available.
         log: A line in the output of a process.
         topic: A topic that is published.
-        timeout: The maximum duration of the wait; beyond it, the run fails.
+        timeout: The maximum wait.
     """
 
     about = key({"log": {"process": "detector", "pattern": "model loaded"}})
@@ -531,9 +529,9 @@ class AfterReadyStep(Record, frozen=True, kw_only=True):
     """A step: exactly one of 'command' and 'service'.
 
     Attributes:
-        command: The program with its arguments, one item each, run without a shell.
+        command: The program with its arguments, run without a shell.
         service: A service call.
-        timeout: The maximum duration of the step; beyond it, the run fails.
+        timeout: The maximum duration of the step.
     """
 
     about = key({"service": {"name": "detector/enable", "type": "std_srvs/srv/Trigger"}})

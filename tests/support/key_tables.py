@@ -77,12 +77,12 @@ def _default(rule: ValueRule, required: bool) -> str:
 
 
 def _example(rule: ValueRule) -> str:
-    """An example, unless the column of values or a table of its own shows one."""
+    """Return an example of a list or a map, unless another column or table shows its form."""
     if not rule.about.examples or rule.is_choice or rule.const is not None or rule.keys is not None:
         return ""
     value = rule.about.examples[0]
     shown = _flow(value)
-    if len(shown) > 60 or isinstance(value, bool) or value in (*rule.words, rule.shown_default):
+    if not isinstance(value, dict | list) or len(shown) > 60 or value == rule.shown_default:
         return ""
     return f"Example: `{_cell(shown)}`."
 
