@@ -164,32 +164,10 @@ def wrong_input() -> dict[str, Any]:
     return spec
 
 
-def without_namespace() -> dict[str, Any]:
-    spec = graph(plain=program())
-    spec["playback"]["inputs"] = {"image": spec["playback"]["inputs"].pop("input")}
-    spec["monitors"]["out"]["topic"] = "out"
-    return spec
-
-
 def third_reads_best_effort() -> dict[str, Any]:
     spec = chain("BestEffort")
     spec["graph"]["nodes"]["third"] = relay_node(remappings={"input": "output", "output": "last"})
     spec["monitors"]["out"]["topic"] = "last"
-    return spec
-
-
-def best_effort_input() -> dict[str, Any]:
-    spec = graph(picky=node("Passes"))
-    spec["playback"]["inputs"]["input"]["qos"] = {"reliability": "best_effort"}
-    return spec
-
-
-def wrong_preprocessor() -> dict[str, Any]:
-    remapped = {"image": "loaded", "out": "made"}
-    spec = relay_spec(
-        preprocessors={"plain": program(remappings=remapped, parameters={"gian": 2.0})}
-    )
-    spec["playback"]["inputs"]["input"]["from"] = "made"
     return spec
 
 
@@ -253,30 +231,6 @@ ALSO_WRONG = {
         "topic: output",
         ("/r2b/second publishes /r2b/output as std_msgs/msg/String",),
         certain=False,
-    ),
-    "a remapping of a program": Wrong(
-        lambda: graph(plain=program(remappings={"imgae": "input", "out": "output"})),
-        "R2B204",
-        "imgae: input",
-        ("/r2b/plain has no topic 'imgae' to remap to /r2b/input",),
-    ),
-    "a program outside of the namespace": Wrong(
-        without_namespace,
-        "R2B208",
-        "image:",
-        ("the closest name is /image, to which /plain subscribes",),
-    ),
-    "QoS of an input": Wrong(
-        best_effort_input, "R2B216", "input:", ("requests a QoS on /r2b/input",)
-    ),
-    "a parameter of a node": Wrong(
-        lambda: graph(relay=node("Passes", parameters={"rtae": 3})),
-        "R2B211",
-        "rtae: 3",
-        ("'rtae'", "did you mean 'rate'?"),
-    ),
-    "a parameter of a preprocessor": Wrong(
-        wrong_preprocessor, "R2B211", "gian: 2.0", ("declares no parameter 'gian'",)
     ),
 }
 

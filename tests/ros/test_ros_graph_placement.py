@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
-import subprocess
 import sys
 from collections import Counter
 from typing import Any
@@ -164,19 +162,6 @@ def test_a_crash_of_the_graph_is_named_and_loses_nothing(bench: Bench) -> None:
     assert run.monitor(segment, "out").size in {further - 1, further}
 
 
-def test_a_static_program_is_refused_before_anything_is_measured(bench: Bench) -> None:
-    source, program = bench.folder / "static.c", bench.folder / "static"
-    source.write_text("int main(void) { return 0; }\n")
-    compiler = shutil.which("cc") or pytest.skip("there is no C compiler")
-    made = subprocess.run(
-        [compiler, "-static", "-o", str(program), str(source)], capture_output=True, check=False
-    )
-    if made.returncode:
-        pytest.skip(f"no static program can be linked here: {made.stderr.decode()[-200:]}")
-    done = bench.run(relay_spec(harness=GRAPH, graph=c_relay(command=[str(program)])))
-    assert_refused(done, f"{program} is linked statically")
-
-
 @only_nightly()
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can give a program to another user")
 def test_a_setuid_program_is_refused_before_anything_is_measured(bench: Bench) -> None:
@@ -194,18 +179,6 @@ def test_a_program_that_is_no_node_is_refused_at_the_deadline(bench: Bench) -> N
     spec = relay_spec(harness=GRAPH, graph=c_relay(command=idle))
     spec["benchmark"] |= {"start_timeout": "2 s"}
     assert_refused(bench.run(spec), "none of its programs has initialised ROS")
-
-
-@only_nightly()
-def test_idle_programs_that_have_not_loaded_ros_are_not_waited_for_until_the_deadline(
-    bench: Bench,
-) -> None:
-    script = bench.folder / "idle.sh"
-    script.write_text("sleep 1000\n")
-    spec = relay_spec(harness=GRAPH, graph=c_relay(command=["sh", str(script)]))
-    # It is idle after a third of this time.
-    spec["benchmark"] |= {"start_timeout": "30 s"}
-    assert_refused(bench.run(spec), "none of its programs has loaded ROS, and they have been idle")
 
 
 def assert_refused(done: Finished, reason: str) -> None:

@@ -19,7 +19,6 @@ import pytest
 
 from command_line import Call
 from example_spec import example
-from r2bspec._version import __version__
 from r2bspec.cli import main as cli
 from r2bspec.cli.docs import docs_folder
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError
@@ -27,12 +26,6 @@ from r2bspec.judge.verdict import EXIT_CODES, OverallOutcome, Verdict
 from r2bspec.report.findings_text import code_with_slug
 
 VERBS = list(cli.VERBS)
-
-
-def test_the_module_is_the_command() -> None:
-    asked = [sys.executable, "-m", "r2bspec", "--version"]
-    done = subprocess.run(asked, capture_output=True, text=True, check=True)
-    assert done.stdout == f"r2bspec {__version__}\n"
 
 
 def test_a_folder_in_place_of_one_spec_is_answered_with_its_specs(
@@ -221,14 +214,6 @@ def test_cases_and_variables_of_the_spec_are_proposed(
     assert proposed("plan", str(spec), "--var", "t") == {"threads="}
     none = str(tmp_path / "none.r2b.yaml")
     assert proposed("run", none, "--case", "t") == set(), "nothing, where nothing can be read"
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_of_a_shell_asks_r2bspec(
-    shell: str, call: Call, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("_R2BSPEC_COMPLETE", f"{shell}_source")
-    assert f"_R2BSPEC_COMPLETE={shell}_complete" in call(status=0).out
 
 
 def test_every_page_of_the_documentation_is_listed_and_printed(call: Call) -> None:

@@ -96,11 +96,6 @@ def test_a_way_round_and_a_loop_end() -> None:
     )
 
 
-def test_without_taps_there_are_no_hops() -> None:
-    bare = msgspec.structs.replace(CHAIN.monitors[0], taps=())
-    assert hops_to(CHAIN, bare) == ()
-
-
 def test_each_tap_is_watched_once_under_a_name_that_no_monitor_has() -> None:
     twice = (*CHAIN.monitors, msgspec.structs.replace(CHAIN.monitors[0], name="again"))
     assert [tap.topic for tap in all_taps(twice)] == ["/a", "/b"]

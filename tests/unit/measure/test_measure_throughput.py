@@ -11,8 +11,7 @@ from r2bspec.judge.measure.metric_catalogue import find_metric
 from r2bspec.judge.measure.metric_values import window_values
 from r2bspec.judge.measure.sample_table import MonitorSamples
 from r2bspec.judge.measure.samples import SegmentSamples
-from r2bspec.judge.measure.times import throughput
-from run_simulation import EPOCH_NS, Played, Simulation
+from run_simulation import Played, Simulation
 
 SECOND = 10**9
 
@@ -100,11 +99,6 @@ def test_a_graph_slower_than_its_input_has_its_own_rate() -> None:
     # 20 Hz of 30, from a queue without an end: all are answered, half of them after the window.
     latency = np.linspace(0.05, 0.05 + 299 * (1 / 20 - 1 / 30), 300)
     assert measured(30.0, latency).throughput_hz == pytest.approx(20, rel=0.005)
-
-
-def test_nothing_is_no_rate() -> None:
-    assert throughput(np.empty(0, np.int64), EPOCH_NS, SECOND) == 0
-    assert throughput(np.array([EPOCH_NS]), EPOCH_NS, 0) == 0
 
 
 def test_windows_of_a_rate_that_does_not_divide_them_have_it_too() -> None:

@@ -46,30 +46,6 @@ def test_the_example_of_a_metric_is_a_requirement_with_its_unit(name: str) -> No
     assert bound is None or info.accepts(bound)
 
 
-@pytest.mark.parametrize(
-    ("name", "found"),
-    [
-        ("latency.p42", "latency.p42"),
-        ("detections.latency.p99_5", "latency.p99_5"),
-        ("cpu.apriltag.mean", "cpu.apriltag.mean"),
-        ("memory.apriltag.max", "memory.apriltag.max"),
-        ("cpu.system.max", "cpu.system.max"),
-        ("sustained", "sustained"),
-        ("blur.callback.p99_5", "blur.callback.p99_5"),
-        ("camera/image.transport.p50", "camera/image.transport.p50"),
-        ("path.blur.share", "path.blur.share"),
-    ],
-)
-def test_names_with_a_monitor_or_a_process_are_found(name: str, found: str) -> None:
-    assert reference.find_metric(name).name == found
-
-
-def test_the_modes_are_those_that_the_rules_accept() -> None:
-    assert reference.modes(METRICS["missed"].metric) == ("looping", "sweeping", "timeline")
-    assert reference.modes(METRICS["sustained"].metric) == ("looping", "sweeping")
-    assert reference.modes(METRICS["jitter.p99"].metric) == reference.MODES
-
-
 def test_an_unknown_metric_is_answered_with_the_meant_one(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
