@@ -226,10 +226,10 @@ def test_the_parts_of_a_result_begin_with_its_goal(
 
 def test_the_events_of_a_start_leave_the_memory_to_the_next(bench: Bench) -> None:
     spec = chain()
-    spec["benchmark"] |= {"anatomy": True, "iterations": 2, "starts": 2}
+    spec["benchmark"] |= {"anatomy": True, "iterations": 3, "starts": 3}
     done = bench.run(spec)
     done.assert_complete()
-    assert [record.start for record in done.run().record.anatomies] == [1, 2]
+    assert [record.start for record in done.run().record.anatomies] == [1, 2, 3]
     for segment in done.segments():
         assert_parts_are_the_latency(done, segment)
     assert not list(Path("/dev/shm").glob("r2bspec-anatomy-*"))  # noqa: S108 - looked at only

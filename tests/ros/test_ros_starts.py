@@ -180,7 +180,7 @@ def test_what_was_played_for_the_overhead_is_in_no_segment(done: Finished) -> No
 
 
 def test_a_node_that_exits_in_a_later_start_leaves_what_was_measured(bench: Bench) -> None:
-    done = bench.run(spec("fatal.txt", iterations=4, starts=2, parameters={"fatal_start": 2}))
+    done = bench.run(spec("fatal.txt", iterations=6, starts=3, parameters={"fatal_start": 2}))
     assert done.status == ExitStatus.RUN_FAILED
     assert "process relay exited with status 9" in done.error
     assert "(in start 2)" in done.error
@@ -198,7 +198,7 @@ def test_a_node_that_exits_in_a_later_start_leaves_what_was_measured(bench: Benc
 def run_that_fails(bench: Bench, name: str, **gate: Any) -> Finished:
     """A run whose only requirement cannot be met, on a machine that keeps the schedule."""
     for attempt in range(3):
-        used = spec(f"{name}{attempt}.txt", iterations=4, starts=2)
+        used = spec(f"{name}{attempt}.txt", iterations=6, starts=3)
         used["benchmark"]["gate"] |= gate
         used["slos"] = {"impossible": {"at": "20 Hz", "require": ["latency.max < 1 us"]}}
         done = bench.run(used)
@@ -209,19 +209,19 @@ def run_that_fails(bench: Bench, name: str, **gate: Any) -> Finished:
 
 def test_a_failure_is_confirmed_by_as_many_fresh_starts(bench: Bench) -> None:
     done = run_that_fails(bench, "confirm")
-    starts = [1, 1, 2, 2]
+    starts = [1, 1, 2, 2, 3, 3]
     assert starts_of(done, "iteration") == [
         (f"rate-20Hz-{number:03d}", start) for number, start in enumerate(starts, start=1)
     ]
     assert starts_of(done, "confirmation") == [
-        (f"confirm-rate-20Hz-{number:03d}", 2 + start)
+        (f"confirm-rate-20Hz-{number:03d}", 3 + start)
         for number, start in enumerate(starts, start=1)
     ]
     record = done.run().record
-    assert [start.confirms for start in record.starts] == 2 * [False] + 2 * [True]
+    assert [start.confirms for start in record.starts] == 3 * [False] + 3 * [True]
     # The harness of the confirmation is compared with that of the run, once.
     assert done.events().count("phase harness_overhead") == 2
-    assert len(set(pids(done, "relay"))) == 4
+    assert len(set(pids(done, "relay"))) == 6
     assert all(process.exit_code is not None for process in record.processes)
     # A disturbance may make the fresh batch unusable; then it says so, and nothing fails.
     assert done.outcome in {"fail", "inconclusive"}
