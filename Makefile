@@ -84,10 +84,11 @@ without-ros: install-dev
 coverage: install-dev
 	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --ignore=tests/fleet --cov --cov-report=term:skip-covered
 
-# Two files of tests at a time, the longest first (tests/conftest.py): they assert what is true on a
-# busy machine, too. Faults fill disks and shared memory of their own.
+# Three files of tests at a time, the longest first (tests/conftest.py): they wait for a third of
+# their time, and assert what is true on a busy machine, too. Faults fill disks and shared memory of
+# their own.
 ros: install-dev
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder tests/ros tests/fault tests/fleet
+	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder tests/ros tests/fault tests/fleet
 
 # Every test at its full size: whole simulations, every kind of pull request through every recipe.
 # Hours; before a release, and where a pipeline asks for it.

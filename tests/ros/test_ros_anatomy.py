@@ -175,7 +175,7 @@ EXECUTION_S = 0.06
 
 @pytest.mark.parametrize(
     ("library", "threads"),
-    [pytest.param("rclpy", 1, marks=only_nightly()), ("rclpy", 3), ("rcl", 1)],
+    [*(pytest.param("rclpy", threads, marks=only_nightly()) for threads in (1, 3)), ("rcl", 1)],
 )
 def test_the_parts_of_a_result_begin_with_its_goal(
     bench: Bench, library: str, threads: int

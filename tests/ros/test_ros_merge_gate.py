@@ -275,6 +275,7 @@ def test_a_base_that_fails_itself(workspace: Workspace) -> None:
     assert "--allow base" in gated.said
 
 
+@only_nightly()
 @SAMPLED
 def test_a_base_that_fails_itself_can_be_left_out(workspace: Workspace) -> None:
     source = (workspace.top / PACKAGE / "cost.py").read_text()
@@ -300,6 +301,7 @@ def test_a_base_that_is_built_runs_what_was_built(workspace: Workspace) -> None:
     assert any(path.endswith("tree/out/blur/cost.py") for path in loaded), loaded
 
 
+@only_nightly()
 @SAMPLED
 def test_the_same_code_is_the_graph_against_itself(workspace: Workspace) -> None:
     gated = workspace.gate(*ONE_PAIR)

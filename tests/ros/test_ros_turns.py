@@ -7,6 +7,8 @@ import json
 import numpy as np
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 
 from r2bspec.compare.side_process import STEPS
@@ -102,6 +104,7 @@ def test_the_verdict_rests_on_turns(compared: Finished) -> None:
     assert "starts of both sides, played by turns" in compared.words
 
 
+@only_nightly()
 def test_what_cannot_be_up_twice_is_played_one_after_the_other(bench: Bench) -> None:
     bench.write_node(
         "worker.py",
