@@ -42,7 +42,7 @@ from r2bspec.judge.measure.times import rank
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods.peak_bracket import with_refuted_peak
 from r2bspec.judge.result import Result
-from r2bspec.judge.statistics.t_interval import RunValues, welch_ratio_of_runs
+from r2bspec.judge.statistics.t_interval import welch_ratio_of_runs
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.plan.comparability import (
     IncomparableError,
@@ -437,9 +437,7 @@ def _ratio(base: MetricSeries, head: MetricSeries) -> _Ratio:
         return None, None, None
     if min(len(a), len(b)) < 2:
         return (sum(b) / len(b)) / (sum(a) / len(a)), None, None
-    interval, _ = welch_ratio_of_runs(
-        RunValues(a, base.starts), RunValues(b, head.starts), CONFIDENCE
-    )
+    interval = welch_ratio_of_runs(a, b, (base.starts, head.starts), CONFIDENCE)
     return interval.ratio, interval.lower, interval.upper
 
 

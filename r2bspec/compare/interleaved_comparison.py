@@ -15,7 +15,7 @@ from r2bspec.execute.processes.environment import inherited_environment
 from r2bspec.execute.processes.prerequisites import check_middleware
 from r2bspec.judge.measure.metric import MetricInfo
 from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolve
-from r2bspec.judge.turn_comparison import can_be_played_by_turns
+from r2bspec.judge.ratio_of_starts import can_be_played_by_turns
 from r2bspec.plan import comparability
 from r2bspec.plan.comparability import IncomparableError
 from r2bspec.plan.plan import Plan

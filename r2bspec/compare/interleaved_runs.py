@@ -10,9 +10,8 @@ each rate once, and ends all that it started. Sharing the loaded data would save
 and would give the second run of a pair warmer caches than the first. Only the first run of the head
 measures the harness overhead, which is the same for all.
 
-All pairs are in one list, which policies extend (`r2bspec.execute.experiment`). If the first pairs
-fail, those after them confirm it: by turns half as many, judged together with all before them;
-otherwise as many as were planned, judged alone.
+All pairs are in one list, which policies extend (`r2bspec.execute.experiment`). If they fail, half
+as many more confirm it, judged together with all before them.
 """
 
 from __future__ import annotations
@@ -31,25 +30,24 @@ from r2bspec.compare.interleaved_comparison import (
     ComparisonSide,
     ComparisonSpec,
 )
-from r2bspec.compare.report_input import judge_comparison_folder, read_pair_set
+from r2bspec.compare.report_input import judge_comparison_folder, read_pairs
 from r2bspec.compare.side_process import BothSides, SideStart, both_sides
 from r2bspec.errors import R2bspecError, without_output
 from r2bspec.execute.controller import RunOptions, run_plan
 from r2bspec.execute.errors import InterruptedRunError, RunError
-from r2bspec.execute.experiment import Experiment, again, confirm, grow
+from r2bspec.execute.experiment import Experiment, confirm, grow
 from r2bspec.execute.processes.environment import applied_environment
 from r2bspec.execute.processes.machine import check_machine
 from r2bspec.execute.states import Interrupts, Progress
 from r2bspec.judge import pair_comparison
-from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy
+from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import PairOrder, pair_orders
-from r2bspec.judge.verdict import RequirementKey, RequirementVerdict, Verdict
+from r2bspec.judge.verdict import Verdict
 from r2bspec.language.secrets import shown_value
-from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import single_run_plan, without_overhead
 from r2bspec.plan.interim_looks import InterimLooks
@@ -66,12 +64,8 @@ from r2bspec.record.comparison_folder import (
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.safe_io.private_files import private_files, remove_folder
 
-_MAX_AFFECTED_RERUNS = 2
-"""Reruns that are affected again. After that the machine counts as always busy."""
-
-
-_LEAST_FRESH_STARTS = 3
-"""Of both sides, that confirm a failure."""
+_LEAST_FRESH = 3
+"""Pairs that confirm a failure."""
 
 _BUFFERS = ".buffers"
 _KILLED = "R2B671: the comparison was killed"
@@ -178,7 +172,6 @@ class _Pairs(Experiment[Pair]):
         self._opened: dict[str, Run] = {}
         self._pairs: list[PairRecord] = []
         self._notes: list[str] = []
-        self._failed: set[RequirementKey] = set()
         self._confirmed_from = self._fresh = 0
         self._started_at = _now()
         self._run_id = secrets.token_hex(8)
@@ -212,7 +205,7 @@ class _Pairs(Experiment[Pair]):
         reason, exit_status = "", 0
         self._write_record(_KILLED)
         try:
-            self.carry_out(grow, again, confirm)
+            self.carry_out(grow, confirm)
         except R2bspecError as error:
             reason, exit_status = f"{error.code}: {error}", error.exit_code
             raise
@@ -232,28 +225,22 @@ class _Pairs(Experiment[Pair]):
 
     @property
     def looks(self) -> InterimLooks | None:
-        """See `Experiment`."""
-        return self._session()[0].looks
+        """See `Experiment`; pairs of runs are judged when all have been played."""
+        return self._counted_pairs().looks if self._both is not None else None
 
     def complete(self) -> int:
         """See `Experiment`: the pairs that can be judged."""
-        return len(self._session()[0].played.head)
+        return len(self._counted_pairs().head)
 
     def _judge(self) -> Verdict:
-        pair_set, objectives, policy = self._session()
-        return pair_comparison.judge_pair_set(objectives, pair_set, policy)
-
-    def counted(self) -> list[RequirementVerdict]:
-        """See `Experiment`; pairs that are judged alone confirm what has failed."""
-        counted = super().counted()
-        if self._judges_fresh_alone:
-            return [requirement for requirement in counted if requirement.key in self._failed]
-        return counted
+        plan = self._comparison.head.plan
+        return pair_comparison.judge_pairs(
+            plan.objectives, self._counted_pairs(), decision_policy(plan)
+        )
 
     def on_decision(self) -> None:
         """See `Experiment`."""
-        noun = "pairs" if self._both is None else "starts of both sides"
-        self._note(f"decided after {self._number} of {self._last_number} {noun}")
+        self._note(f"decided after {self._number} of {self._last_number} {self._noun}")
 
     def has_time(self, *, was_judged: bool) -> bool:
         """See `Experiment`; a confirmation that has begun is completed."""
@@ -265,48 +252,18 @@ class _Pairs(Experiment[Pair]):
         last = self._pairs[-1]
         return Pair(last.number, last.order, last.unusable) if last.unusable else None
 
-    def affected(self) -> Pair | None:
-        """See `Experiment`; None on a machine that has disturbed repetitions, too."""
-        repeated = {pair.number: pair for pair in self._pairs if pair.again}
-        disturbed = [
-            pair
-            for pair in self._pairs
-            if pair.number > self._confirmed_from
-            and pair.disturbed
-            and not (pair.again or pair.unusable)
-        ]
-        waiting = [pair for pair in disturbed if pair.number not in repeated]
-        if not waiting or not self._reruns_can_decide() or self._is_over_budget(len(self._pairs)):
-            return None
-        repetitions = [repeated[pair.number] for pair in disturbed if pair.number in repeated]
-        futile = sum(bool(pair.disturbed or pair.unusable) for pair in repetitions)
-        if futile >= _MAX_AFFECTED_RERUNS:
-            self._note(
-                f"{futile} pairs were affected again: the machine is always busy, "
-                "and no more pairs are played again"
-            )
-            return None
-        return Pair(
-            waiting[0].number, waiting[0].order, f"host interference ({waiting[0].disturbed})"
-        )
-
-    def _reruns_can_decide(self) -> bool:
-        pair_set, objectives, policy = self._session()
-        return pair_comparison.reruns_can_decide(self.verdict, objectives, pair_set, policy)
-
     def begin_confirmation(self) -> bool:
         """See `Experiment`."""
         if not self._comparison.head.plan.gate.confirm:
             return False
-        self._failed = self.verdict.failed_keys
         self._confirmed_from = self._number
-        if self._both is None:
-            self._fresh = self._comparison.pairs
-            self._note("the comparison failed: new pairs are played to confirm it")
-        else:
-            self._fresh = max(_LEAST_FRESH_STARTS, self._number // 2)
-            self._note(f"it fails after {self._number} starts: {self._fresh} more confirm it")
+        self._fresh = max(_LEAST_FRESH, self._number // 2)
+        self._note(f"it fails after {self._number} {self._noun}: {self._fresh} more confirm it")
         return True
+
+    @property
+    def _noun(self) -> str:
+        return "pairs" if self._both is None else "starts of both sides"
 
     @property
     def _number(self) -> int:
@@ -318,23 +275,12 @@ class _Pairs(Experiment[Pair]):
         """The number of the last pair that may be played."""
         return self._confirmed_from + (self._fresh or self._comparison.pairs)
 
-    @property
-    def _judges_fresh_alone(self) -> bool:
-        return self._fresh > 0 and self._both is None
-
-    def _session(
-        self,
-    ) -> tuple[pair_comparison.PairSet, Mapping[str, Objective], DecisionPolicy]:
-        """The pairs that are judged now, and by what they are judged."""
+    def _counted_pairs(self) -> pair_comparison.Pairs:
+        """Return the pairs that count so far, as if the comparison ended now."""
         head, base = self._comparison.head.plan, self._comparison.base.plan
-        # As if it ended now: on disk it is incomplete while it is played.
+        # On disk it is incomplete while it is played.
         pairs = PairedComparison(self._folder.path, self._record(), head, base, self._opened)
-        objectives: Mapping[str, Objective] = head.objectives
-        policy = decision_policy(head)
-        if self._judges_fresh_alone:
-            objectives, policy = pair_comparison.confirmation_terms(objectives, policy)
-        pair_set = read_pair_set(pairs, self.measured, fresh=self._judges_fresh_alone)
-        return pair_set, objectives, policy
+        return read_pairs(pairs, self.measured)
 
     def _is_over_budget(self, played: int) -> bool:
         """Whether one more pair would exceed the time budget of the spec."""
@@ -363,11 +309,11 @@ class _Pairs(Experiment[Pair]):
         """Play one side, then the other one."""
         sides: tuple[Side, Side] = ("base", "head") if unit.order == "AB" else ("head", "base")
         confirms = ", confirmation" if self._fresh else ""
-        unusable, disturbed = "", ""
+        unusable = ""
         for side in sides:
             self._progress.note(f"pair {unit.number} of {self._last_number}{confirms}: {side}")
             try:
-                problem, interference = self._run(side, _folder_name(unit))
+                problem = self._run(side, _folder_name(unit))
             except RunError as error:
                 # A failed run is repeated once, unless it was interrupted or cannot work here.
                 if error.exit_code != RunError.exit_code or unit.why_again:
@@ -377,9 +323,7 @@ class _Pairs(Experiment[Pair]):
                 unusable = f"the {side} failed: {error}"
                 break
             unusable = unusable or (problem and f"{side}: {problem}")
-            if interference:
-                disturbed += f"{'; ' if disturbed else ''}{side}: {interference}"
-        self._add_pair(unit, unusable, disturbed)
+        self._add_pair(unit, unusable)
 
     def _play_both(self, both: BothSides, unit: Pair) -> bool:
         """Play both sides by turns; False if the first such start shows that this cannot be."""
@@ -411,7 +355,7 @@ class _Pairs(Experiment[Pair]):
                 raise BaseFailsError.of(error) if side == "base" else error
             unusable = f"the {side} failed: {error}"
         for side in ("base", "head") if not unusable else ():
-            problem, _ = self._read_run(side, _folder_name(unit))
+            problem = self._read_run(side, _folder_name(unit))
             unusable = unusable or (problem and f"{side}: {problem}")
         if both.too_long and unit.number == 1:
             self._note(f"the sides are not played by turns: {both.too_long}")
@@ -424,8 +368,8 @@ class _Pairs(Experiment[Pair]):
         plan = self._plans[side]
         return plan if side == "head" and not is_known else without_overhead(plan)
 
-    def _run(self, side: Side, name: str) -> tuple[str, str]:
-        """One run: why it cannot be judged, and which interference affected it, or empty texts."""
+    def _run(self, side: Side, name: str) -> str:
+        """Make a run; return why it cannot be judged, or nothing."""
         self._interrupts.check()
         side_run = self._comparison.base if side == "base" else self._comparison.head
         with (
@@ -443,7 +387,7 @@ class _Pairs(Experiment[Pair]):
             )
         return self._read_run(side, name)
 
-    def _read_run(self, side: Side, name: str) -> tuple[str, str]:
+    def _read_run(self, side: Side, name: str) -> str:
         """Read a finished run; see `_run`."""
         folder = self._folder.path / side / name
         if self._comparison.check_run is not None:
@@ -452,11 +396,11 @@ class _Pairs(Experiment[Pair]):
         run = open_run(folder)
         samples = read_samples(run)
         self._opened[f"{side}/{name}"], self.measured[f"{side}/{name}"] = run, samples
-        return pair_comparison.why_unusable(samples), pair_comparison.interference_text(samples)
+        return pair_comparison.why_unusable(samples)
 
     # What is recorded.
 
-    def _add_pair(self, unit: Pair, unusable: str, disturbed: str = "") -> None:
+    def _add_pair(self, unit: Pair, unusable: str) -> None:
         name = _folder_name(unit)
         self._pairs.append(
             PairRecord(
@@ -466,7 +410,6 @@ class _Pairs(Experiment[Pair]):
                 head=f"head/{name}",
                 again=bool(unit.why_again),
                 unusable=unusable,
-                disturbed=disturbed,
             )
         )
         self._write_record(_KILLED)

@@ -1,8 +1,9 @@
 """Objectives that a run proposes for its spec.
 
 A limit of a latency is the largest value that one more iteration would have if nothing changed:
-the one-sided prediction bound of `r2bspec.judge.statistics.t_interval` over the iterations
-of the run. It is never below the largest value of an iteration.
+with the logarithms h_1 .. h_m of the iterations' values, their mean h and deviation s, the
+one-sided prediction bound of Student's t, exp(h + t_c(m - 1) s sqrt(1 + 1/m)). It is never below
+the largest value of an iteration.
 
 Of the percentiles, the highest is proposed whose requirement the run itself passes: one that needs
 more messages than were played would be inconclusive.
@@ -13,11 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from r2bspec.judge.measure.distribution import PROPOSED_PERCENTILES, part_value
 from r2bspec.judge.measure.metrics import RateMetrics
 from r2bspec.judge.result import Result
-from r2bspec.judge.statistics.t_interval import predicted_ratio
+from r2bspec.judge.statistics.t_interval import mean_interval, t_quantile
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement, parse_requirement
 from r2bspec.language.load_spec import LoadedSpec, load_spec
@@ -276,8 +278,13 @@ def prediction_bound(values: Sequence[float], confidence: float = CONFIDENCE) ->
     """
     if len(values) < MIN_ITERATIONS:
         return None
-    # The new value for which the lower bound of the ratio is 1.
-    return max(1 / predicted_ratio(values, 1.0, confidence).lower, *values)
+    logs = [math.log(value) for value in values]
+    m, t = len(logs), t_quantile(len(logs) - 1, confidence)
+    interval = mean_interval(logs, confidence)
+    from_mean = interval.mean + t * interval.deviation * math.sqrt(1 + 1 / m)
+    # A machine whose level wanders differs by more, but by no more than from step to step.
+    steps = math.fsum((after - before) ** 2 for before, after in pairwise(logs))
+    return max(math.exp(max(from_mean, logs[-1] + t * math.sqrt(steps / (m - 1)))), *values)
 
 
 def _passed(candidates: Sequence[_Candidate], judge: Judge) -> set[tuple[str, str]]:

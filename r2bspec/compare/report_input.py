@@ -6,14 +6,13 @@ The folder of a run, or of a comparison of interleaved runs, is measured and jud
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import msgspec
 
-from r2bspec.diagnostics.quote import first_words
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import build_result, from_json, result_of
@@ -21,7 +20,7 @@ from r2bspec.judge.measure.metrics import summarise
 from r2bspec.judge.measure.observed_runs import anatomy_summaries
 from r2bspec.judge.measure.run_samples import merged_samples, read_samples
 from r2bspec.judge.measure.samples import RunSamples
-from r2bspec.judge.pair_comparison import InterleavedRuns, PairSet, judge_comparison
+from r2bspec.judge.pair_comparison import Pairs, judge_comparison
 from r2bspec.judge.result import PairsResult, Result
 from r2bspec.language.spec import Objective
 from r2bspec.plan.comparability import pair_count
@@ -31,9 +30,6 @@ from r2bspec.record import comparison_folder
 from r2bspec.record.run_folder import Run, open_run
 from r2bspec.safe_io.limits import MAX_JSON_BYTES
 from r2bspec.safe_io.safe_file import is_folder, read_bytes
-
-_MAX_NAMED_PAIRS = 3
-"""Affected pairs listed in a sentence; ``pairs`` of the result has all of them."""
 
 
 class SamplesMissingError(R2bspecError):
@@ -180,7 +176,7 @@ def judge_comparison_folder(
         objectives: to judge by; those of the head if None.
         judged_by: the name of the spec of `objectives`, if it is another.
         gate: of that spec; that of the head if None.
-        measured: as for `read_pair_set`.
+        measured: as for `read_pairs`.
 
     Raises:
         RecordError: a file of one of its runs is missing or damaged.
@@ -189,14 +185,13 @@ def judge_comparison_folder(
     objectives = pairs.plan.objectives if objectives is None else objectives
     counted = pairs.usable_pairs()
     base, head = pairs.merged(counted, "base"), pairs.merged(counted, "head")
-    first = read_pair_set(pairs, measured)
-    again = read_pair_set(pairs, measured, fresh=True) if pairs.tried(fresh=True) else None
-    verdict = judge_comparison(objectives, first, again, decision_policy(pairs.plan, gate))
+    played = read_pairs(pairs, measured)
+    verdict = judge_comparison(objectives, played, decision_policy(pairs.plan, gate))
     result = build_result(
         head,
         objectives,
         judged_by,
-        metrics=summarise(first.played.merged),
+        metrics=summarise(played.merged),
         verdict=verdict,
         pairs=_pairs_result(pairs),
         base_identity=base.record.identity,
@@ -204,72 +199,43 @@ def judge_comparison_folder(
             head, measured[counted[-1].folder("head")].summaries if counted else None
         ),
     )
-    return ReportInput(result=result, run=head, judged_samples=first.played.merged)
+    return ReportInput(result=result, run=head, judged_samples=played.merged)
 
 
-def read_pair_set(
-    pairs: comparison_folder.PairedComparison,
-    measured: dict[str, RunSamples],
-    *,
-    fresh: bool = False,
-) -> PairSet:
-    """The samples of the pairs that are judged together.
+def read_pairs(pairs: comparison_folder.PairedComparison, measured: dict[str, RunSamples]) -> Pairs:
+    """The samples of the pairs that count, and when they are judged.
 
     Args:
         pairs: the comparison.
         measured: its runs that have been measured before, by their folders; others are added.
-        fresh: see `PairedComparison.usable_pairs`.
 
     Raises:
         RecordError: a file of one of the runs is missing or damaged.
     """
-    played, unaffected = pairs.usable_pairs(fresh=fresh), pairs.unaffected(fresh=fresh)
-    disturbed = [pair for pair in played if pair.disturbed]
-    return PairSet(
-        played=_interleaved(pairs, played, measured),
-        tried=pairs.tried(fresh=fresh),
-        looks=_planned_looks(pairs),
-        fresh_starts=pairs.record.fresh if pairs.record.by_turns else 0,
-        unaffected=_interleaved(pairs, unaffected, measured) if disturbed else None,
-        disturbance_text=_affected_pairs_text(disturbed),
-    )
+    record, counted = pairs.record, pairs.usable_pairs()
 
-
-def _planned_looks(pairs: comparison_folder.PairedComparison) -> InterimLooks | None:
-    """When the pairs are judged; a control measures the noise, with all of them."""
-    record = pairs.record
-    if record.by_turns and not record.control:
-        last = record.confirmed_from + record.fresh if record.confirmed_from else record.planned
-        return InterimLooks.after_starts_of_both(
-            last, pair_count(pairs.plan), record.confirmed_from
-        )
-    looks = InterimLooks.after_each_pair(record.planned)
-    return looks if len(looks) > 1 and not record.control else None
-
-
-def _affected_pairs_text(disturbed: Sequence[comparison_folder.PairRecord]) -> str:
-    """The pairs with host interference, as the beginning of a sentence; empty for none."""
-    named = [f"{pair.number} ({pair.disturbed})" for pair in disturbed]
-    shown = first_words(named, _MAX_NAMED_PAIRS)
-    return f"Host interference in pair {shown}" if shown else ""
-
-
-def _interleaved(
-    pairs: comparison_folder.PairedComparison,
-    chosen: Sequence[comparison_folder.PairRecord],
-    measured: dict[str, RunSamples],
-) -> InterleavedRuns:
     def samples(side: comparison_folder.Side) -> list[RunSamples]:
-        for pair in chosen:
+        for pair in counted:
             if pair.folder(side) not in measured:
                 measured[pair.folder(side)] = read_samples(pairs.run(pair, side))
-        return [measured[pair.folder(side)] for pair in chosen]
+        return [measured[pair.folder(side)] for pair in counted]
 
     head = samples("head")
-    return InterleavedRuns(
+    failed = sum(pair.number <= record.confirmed_from for pair in counted)
+    fresh = len(counted) - failed if record.confirmed_from else 0
+    looks = InterimLooks.after_pairs(failed, len(counted)) if fresh and failed else None
+    if record.by_turns and not record.control:
+        last = record.confirmed_from + record.fresh or record.planned
+        declared = pair_count(pairs.plan)
+        looks = InterimLooks.after_starts_of_both(last, declared, record.confirmed_from)
+    noun = "starts of both sides" if record.by_turns else "pairs"
+    return Pairs(
         base=samples("base"),
         head=head,
-        merged=merged_samples(pairs.merged(chosen, "head"), head),
+        merged=merged_samples(pairs.merged(counted, "head"), head),
+        tried=len({pair.number for pair in record.pairs}),
+        looks=looks,
+        confirms=f"{fresh} more {noun}" if fresh else "",
     )
 
 

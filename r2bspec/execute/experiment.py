@@ -84,9 +84,9 @@ class Experiment(ABC, Generic[Unit]):
         """The last unit, to be played again because it cannot be judged; mostly None."""
         return None
 
-    @abstractmethod
     def affected(self) -> Unit | None:
         """A disturbed unit to be played again; None if none can change the outcome."""
+        return None
 
     @abstractmethod
     def has_time(self, *, was_judged: bool) -> bool:

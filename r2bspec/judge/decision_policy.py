@@ -106,7 +106,7 @@ def combine_looks(looks: InterimLooks, judged: Sequence[RequirementVerdict]) -> 
     )
     first = next((one for one in decided if one.outcome != "inconclusive"), last)
     chosen = last if last.outcome == "fail" and not last.early else first
-    if looks.by_turns and chosen.outcome == "fail":
+    if looks.shares and chosen.outcome == "fail":
         # The starts after a failure confirm it in the same list: it stands if they do not mend it.
         return last
     return chosen

@@ -11,7 +11,7 @@ out in their order, each on the verdict of the one before:
 Reasons for which nothing can be decided come first, and the method of the metric last
 (`decide_case`). The outcome of the run follows from the verdicts on its requirements. What a second
 run changes is in `r2bspec.judge.confirmation`, what a baseline does in
-`r2bspec.judge.baseline_comparison`.
+`r2bspec.judge.ratio_of_starts`.
 
 No step makes a PASS of another outcome, so that the share of wrong passes is that of the decision.
 """
@@ -334,7 +334,7 @@ def _decided(case: RequirementCase, samples: RunSamples) -> Decision:
 
 
 def method_of(case: RequirementCase) -> Decide:
-    """What decides a requirement on one run; a ratio is decided by `judge.baseline_ratio`."""
+    """What decides a requirement on one run; a ratio is decided by `judge.ratio_of_starts`."""
     statistic = case.info.statistic
     if statistic in _BY_RECORD:
         return _BY_RECORD[statistic]

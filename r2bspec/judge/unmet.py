@@ -77,27 +77,7 @@ def early_doubt(case: RequirementCase, verdict: RequirementVerdict) -> str:
             f"{starts} starts have {show(test.n, 'count')} of what is counted, too few to end "
             f"early if what is beyond the limit comes in bursts of {_BURST}."
         )
-    return other_starts(starts, _room(case, verdict), verdict, "starts")
-
-
-def early_doubt_of_pairs(case: RequirementCase, verdict: RequirementVerdict, messages: int) -> str:
-    """Return the same for a ratio.
-
-    Args:
-        case: of the ratio.
-        verdict: by as many pairs as it counts.
-        messages: of the head, behind its values.
-    """
-    quantile, below = case.info.quantile, _is_below(case, verdict)
-    if quantile is not None:
-        allowed = allowed_share(max(quantile, 1 - quantile))
-        if not decided_in_bursts(0, messages, allowed, verdict.confidence, below=True):
-            return (
-                f"{verdict.n} pairs have {show(messages, 'count')} messages, too few to end early "
-                f"if what is beyond the limit comes in bursts of {_BURST}."
-            )
-    room = _room_of_bound(case, verdict, below=below)
-    return other_starts(verdict.n, room, verdict, "pairs")
+    return other_starts(starts, _room(case, verdict), verdict)
 
 
 def untested(case: RequirementCase, verdict: RequirementVerdict) -> str:
@@ -111,7 +91,7 @@ def untested(case: RequirementCase, verdict: RequirementVerdict) -> str:
     texts = [_burst_text(case, verdict), _tail_text(case, verdict)]
     is_passed_share = case.info.statistic == "share" and verdict.outcome == "pass"
     if starts > 1 and not is_passed_share and not case.in_windows:
-        texts.append(other_starts(starts, _room(case, verdict), verdict, "starts"))
+        texts.append(other_starts(starts, _room(case, verdict), verdict))
     return next(filter(None, texts), "")
 
 
@@ -129,14 +109,13 @@ def decided_in_bursts(over: int, n: int, allowed: float, confidence: float, *, b
     return upper_bound(*counts) <= allowed if below else lower_bound(*counts) > allowed
 
 
-def other_starts(number: int, room: float, verdict: RequirementVerdict, pieces: str) -> str:
+def other_starts(number: int, room: float, verdict: RequirementVerdict) -> str:
     """Return that another kind of start would change a verdict; empty if it has the room.
 
     Args:
-        number: of starts, or pairs.
+        number: of starts.
         room: the largest share of another kind.
         verdict: a PASS or a FAIL.
-        pieces: what there are so many of.
     """
     unmet = zero_failure_bound(number, CONFIDENCE)
     if unmet <= room:
@@ -147,7 +126,7 @@ def other_starts(number: int, room: float, verdict: RequirementVerdict, pieces: 
     if verdict.metric.endswith("drop_rate"):
         worse = "lose a fifth" if verdict.outcome == "pass" else "lose nothing"
     return (
-        f"{number} {pieces} do not rule out another kind of start, up to "
+        f"{number} starts do not rule out another kind of start, up to "
         f"{show(unmet, 'share', 2)} of all, or that each start resembles the one before: starts "
         f"that {worse} would {would} the limit."
     )

@@ -3,7 +3,7 @@
 A run is judged after each start from the third on, and ends as soon as everything is decided:
 starts differ by more than what is measured within them, so they are the unit that counts. Before
 the declared starts a verdict ends a run only with room for what it may not have met
-(`r2bspec.judge.unmet`), and so do pairs. Fewer than five starts have too often not met both speeds
+(`r2bspec.judge.unmet`). Fewer than five starts have too often not met both speeds
 of a graph that has two: of half of the starts 10 % slower, a mean would fail wrongly in 12 % of
 runs that may end after three without room. A run of one start is judged at its end; if it may be
 extended (`max_iterations`), after 1, 2 and 4 times the declared iterations, too.
@@ -18,6 +18,9 @@ once:
                               the last        each of the others
     after a start             0.7 alpha       alpha L^(-1.1)
     in a run of one start     alpha / 2       alpha / (2 (L - 1))
+
+Pairs of runs are judged when all are played and, after a FAIL, again with those that confirm it;
+the second look has a fifth of the error, so that at most 1 % of equal graphs fail both.
 
 The first is calibrated: for Student's t on normal values, all looks together are wrong in 5.0 % at
 most, each way (`tests/simulation/test_simulation_looks.py`); so are the constant levels of Pocock
@@ -41,6 +44,9 @@ LOOK_FACTORS: Final = (1, 2, 4)
 _SHARE_BY_TURNS: Final = 0.3
 """Of the error, for each look at starts of both sides. Pairs share most of their values from look
 to look, so that the sum is not used up (`tests/simulation/test_simulation_turns.py`)."""
+
+_SHARES_OF_PAIRS: Final = (1.0, 0.2)
+"""Of the error, for all pairs, and for these with those that confirm a failure."""
 
 FIRST_LOOK: Final = 3
 """After so many starts; fewer are judged only at the end of a run that has no more."""
@@ -86,13 +92,14 @@ class InterimLooks:
     Attributes:
         declared: the declared number of iterations: before it, a run ends only with a decision.
         after_starts: whether each comes after a start.
-        by_turns: whether each comes after a start of both sides of a comparison.
+        shares: of the error, for the looks at a comparison, of which those after a failure confirm
+            it in the same list; empty for a run.
     """
 
     iterations: tuple[int, ...]
     declared: int = 0
     after_starts: bool = False
-    by_turns: bool = False
+    shares: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         ends = (0, *self.iterations)
@@ -131,9 +138,9 @@ class InterimLooks:
         return cls.planned(longest.iterations, starts, longest.max_iterations)
 
     @classmethod
-    def after_each_pair(cls, pairs: int) -> InterimLooks:
-        """The looks at pairs of runs: each pair is a start of either side."""
-        return cls.planned(pairs, pairs)
+    def after_pairs(cls, failed: int, all_: int) -> InterimLooks:
+        """Return the looks at pairs of runs: those that failed, and all with what confirms it."""
+        return cls((failed, all_), declared=failed, shares=_SHARES_OF_PAIRS)
 
     @classmethod
     def after_starts_of_both(
@@ -147,18 +154,17 @@ class InterimLooks:
             confirmed_from: the look that failed; the next one is at the end.
         """
         last = confirmed_from or starts
-        ends = set(range(FIRST_LOOK_BY_TURNS, last)) | {last, starts}
-        return cls(
-            tuple(sorted(ends)), declared=min(declared, starts), after_starts=True, by_turns=True
-        )
+        ends = tuple(sorted({*range(FIRST_LOOK_BY_TURNS, last), last, starts}))
+        shares = (_SHARE_BY_TURNS,) * len(ends)
+        return cls(ends, declared=min(declared, starts), after_starts=True, shares=shares)
 
     def __len__(self) -> int:
         return len(self.iterations)
 
     def error_share(self, look: int) -> float:
         """The part of the error that a look may make; looks are counted from 1."""
-        if self.by_turns:
-            return _SHARE_BY_TURNS
+        if self.shares:
+            return self.shares[look - 1]
         sharing = sum(end >= self.declared for end in self.iterations)
         if self.iterations[look - 1] < self.declared:
             return _EARLY_SHARE

@@ -15,7 +15,7 @@ from r2bspec.diagnostics.quote import time_text
 from r2bspec.language.benchmark_defaults import PROBE, SEARCH_CONFIRMATIONS, SEARCH_PROBES
 from r2bspec.language.spec import StartWaits
 from r2bspec.plan.comparability import pair_count, single_run_plan, without_overhead
-from r2bspec.plan.interim_looks import FIRST_LOOK, FIRST_LOOK_BY_TURNS
+from r2bspec.plan.interim_looks import FIRST_LOOK_BY_TURNS
 from r2bspec.plan.plan import Plan, PlayPlan
 
 _LOAD_S = 0.5
@@ -150,9 +150,8 @@ def estimate_pairs(plan: Plan, pairs: int | None = None) -> TimeEstimate:
     played = pairs or pair_count(plan)
     if plan.gate.time_budget_ns:
         played = max(1, min(played, int(plan.gate.time_budget_ns / 1e9 / (2 * once.seconds))))
-    # A comparison that failed is confirmed by as many new pairs.
-    most_s = 2 * played * once.seconds * (2 if _may_be_confirmed(plan) else 1)
-    return TimeEstimate(once.phases, most_s, 2 * played, 2 * min(played, FIRST_LOOK))
+    most = played + max(3, played // 2) if _may_be_confirmed(plan) else played
+    return TimeEstimate(once.phases, 2 * most * once.seconds, 2 * played)
 
 
 BOTH_SIDES: Final = "both_sides"

@@ -17,7 +17,7 @@ with pauses. Each iteration keeps its samples; the indices are renumbered.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -214,7 +214,6 @@ class PairRecord(msgspec.Struct, frozen=True, kw_only=True):
         head: likewise.
         again: whether it is the repetition of another pair.
         unusable: why it cannot be judged; otherwise empty.
-        disturbed: the host interference that affected it; otherwise empty.
     """
 
     number: Number
@@ -223,7 +222,6 @@ class PairRecord(msgspec.Struct, frozen=True, kw_only=True):
     head: str
     again: bool = False
     unusable: str = ""
-    disturbed: str = ""
 
     def folder(self, side: Side) -> str:
         """The folder of one of its runs, likewise."""
@@ -297,28 +295,11 @@ class PairedComparison:
     base_plan: Plan
     opened: dict[str, Run] = field(default_factory=dict)
 
-    def usable_pairs(self, *, fresh: bool = False) -> tuple[PairRecord, ...]:
-        """The pairs that count: of each number the first usable one.
-
-        Args:
-            fresh: those that confirm a failure and are judged alone, instead of all others.
-        """
-        return self._first(lambda each: not each.unusable, fresh=fresh)
-
-    def unaffected(self, *, fresh: bool = False) -> tuple[PairRecord, ...]:
-        """The pairs without host interference: of each number the first unaffected one."""
-        return self._first(lambda each: not (each.unusable or each.disturbed), fresh=fresh)
-
-    def tried(self, *, fresh: bool = False) -> int:
-        """How many pairs were played, whether they count or not."""
-        return len(self._first(lambda _: True, fresh=fresh))
-
-    def _first(self, fits: Callable[[PairRecord], bool], *, fresh: bool) -> tuple[PairRecord, ...]:
-        record, pairs = self.record, dict[int, PairRecord]()
-        for pair in record.pairs:
-            confirms = bool(record.confirmed_from) and pair.number > record.confirmed_from
-            # By turns, all starts of both sides are judged together.
-            if (confirms and not record.by_turns) == fresh and fits(pair):
+    def usable_pairs(self) -> tuple[PairRecord, ...]:
+        """The pairs that count: of each number the first usable one."""
+        pairs: dict[int, PairRecord] = {}
+        for pair in self.record.pairs:
+            if not pair.unusable:
                 pairs.setdefault(pair.number, pair)
         return tuple(pairs[number] for number in sorted(pairs))
 

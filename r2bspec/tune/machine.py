@@ -18,10 +18,10 @@ from r2bspec.diagnostics.quote import time_text
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError, without_output
 from r2bspec.execute.errors import InterruptedRunError, UnwritableRunError
 from r2bspec.execute.states import Progress
-from r2bspec.judge.baseline_comparison import run_value
 from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolve
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.units import show
+from r2bspec.judge.ratio_of_starts import run_value
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.language.comparison_grammar import Requirement, parse_requirement

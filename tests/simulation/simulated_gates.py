@@ -271,11 +271,6 @@ def _shares(world: World, iterations: int, messages: int, allowed: float) -> Bat
     )
 
 
-def _paired(random: np.random.Generator, confidence: float) -> int:
-    base, head = paired_values(random, 1, 10, 1.0)
-    return ratio_outcome(paired_ratio(base[0].tolist(), head[0].tolist(), confidence))
-
-
 KINDS: dict[str, Batch] = {
     "percentile, bursts of 5": _shares(bursts(5), 10, 300, 0.01),
     "drop rate": _shares(stationary, 10, 100, 0.05),
@@ -286,7 +281,6 @@ KINDS: dict[str, Batch] = {
     "looks at 1x, 2x, 4x": lambda random, confidence: look(
         stationary(random, (1, 40, 75), 0.1)[0], 0.1, confidence
     )[0],
-    "interleaved pairs, no margin": _paired,
 }
 
 # Worlds of successive runs; two of them differ by 2.7 %.
@@ -313,6 +307,15 @@ def _with_step(random: np.random.Generator, runs: int) -> Values:
     )
 
 
+def _loaded(period: int) -> RunWorld:
+    def world(random: np.random.Generator, runs: int) -> Values:
+        first = int(random.integers(period))
+        taken = np.where(np.arange(runs) % period == first, 0.4, 0.02)
+        return np.asarray(_alike(random, runs) + np.log1p(-taken))
+
+    return world
+
+
 RUN_WORLDS: dict[str, RunWorld] = {
     "the machine is slower from some run on": _with_step,
     "runs differ by 2.7 %": _alike,
@@ -327,17 +330,42 @@ RUN_WORLDS: dict[str, RunWorld] = {
         _alike(random, runs) - 0.2 * (random.random(runs) < 0.1)
     ),
     "skewed differences": lambda random, runs: -0.02 * random.exponential(1, runs),
+    "others take 10 to 50 % of the time": lambda random, runs: (
+        _alike(random, runs) + np.log1p(-random.uniform(0.1, 0.5, runs))
+    ),
+    "others take 40 % from 3 runs in 10": lambda random, runs: (
+        _alike(random, runs) + np.log1p(-np.where(random.random(runs) < 0.3, 0.4, 0.02))
+    ),
+    "others take 0 % at first, a half in the end": lambda random, runs: (
+        _alike(random, runs) + np.log1p(-np.linspace(0, 0.5, runs))
+    ),
+    **{f"others take 40 % from every {period}. run": _loaded(period) for period in (2, 3, 4)},
 }
+"""On a busy machine others take a share of the time from a run, by which its value is smaller."""
 
 
-def pairs_errors(world: RunWorld, *, pairs: int = 10, runs: int) -> Errors:
-    """Interleaved pairs in the order of a coin; a failure is confirmed by as many fresh pairs."""
+def pairs_errors(
+    world: RunWorld, *, pairs: int = 10, runs: int, ratio: float = 1.0, limit: float = 1.0
+) -> Errors:
+    """Interleaved pairs in the order of a coin; a failure is confirmed by half as many more.
 
-    def batch(random: np.random.Generator, confidence: float) -> int:
-        values = np.exp(world(random, 2 * pairs))
-        order = heads(pairs, int(random.integers(2**32)))
-        return ratio_outcome(
-            paired_ratio(values[~order].tolist(), values[order].tolist(), confidence)
-        )
+    Args:
+        world: of successive runs.
+        pairs: before a failure.
+        runs: how many comparisons.
+        ratio: of the head to the base, in truth.
+        limit: of ``>= limit of baseline``.
+    """
+    random, found, more = np.random.default_rng(1), Errors(runs), max(3, pairs // 2)
+    looks = InterimLooks.after_pairs(pairs, pairs + more)
 
-    return confirmed_gates(batch, runs=runs)
+    def outcome(base: Values, head: Values, look: int) -> int:
+        sides = (side[: looks.iterations[look - 1]].tolist() for side in (base, head))
+        return ratio_outcome(paired_ratio(*sides, looks.confidence_at(look)), limit)
+
+    for seed in random.integers(2**32, size=runs).tolist():
+        order = np.concatenate([heads(pairs, seed), heads(more, seed + 1)])
+        values = np.exp(world(random, order.size) + order * math.log(ratio))
+        sides = values[~order], values[order]
+        found.add(outcome(*sides, look=1), partial(outcome, *sides, look=2))
+    return found

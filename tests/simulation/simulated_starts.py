@@ -32,7 +32,6 @@ from r2bspec.judge.statistics.percentile_interval import RankedMessages, percent
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.statistics.shares import ShareLimit
 from r2bspec.judge.statistics.t_interval import (
-    RunValues,
     hierarchical_interval,
     scatter_level,
     welch_ratio_of_runs,
@@ -517,9 +516,11 @@ def stored_errors(world: StartWorld, shape: Shape, *, by_starts: bool = True, ru
     random = np.random.default_rng(1)
     starts = shape.numbers if by_starts else ()
 
-    def stored() -> RunValues:
-        return RunValues(world.run(random, shape).mean(axis=1).tolist(), starts)
+    def stored() -> list[float]:
+        values: list[float] = world.run(random, shape).mean(axis=1).tolist()
+        return values
 
     return Errors.of(
-        ratio_outcome(welch_ratio_of_runs(stored(), stored(), CONFIDENCE)[0]) for _ in range(runs)
+        ratio_outcome(welch_ratio_of_runs(stored(), stored(), (starts, starts), CONFIDENCE))
+        for _ in range(runs)
     )

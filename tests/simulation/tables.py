@@ -20,7 +20,6 @@ from typing import TypeVar
 
 import numpy as np
 from simulated_gates import RUN_WORLDS, Errors, RunWorld, held, pairs_errors
-from simulated_pair_load import LOAD_WORLDS, LoadWorld, PairGate
 from simulated_starts import (
     QUANTITIES,
     RARE_WORLDS,
@@ -165,25 +164,6 @@ def looks() -> None:
     )
 
 
-def pair_load() -> None:
-    """Pairs on a machine that others use, too."""
-    columns: dict[str, Callable[[LoadWorld], PairGate]] = {
-        "on the limit, A B B A, as played": partial(
-            PairGate, limit=100.0, fixed_order=True, interference="tolerate"
-        ),
-        "on the limit": partial(PairGate, limit=100.0),
-        "unchanged, limit 105 %": PairGate,
-        "15 % slower, limit 105 %": partial(PairGate, slower=1.15),
-    }
-    grid(
-        "10 pairs, latency.p50 <= limit: passes / fails / confirmed fails, in % of 200",
-        "world",
-        LOAD_WORLDS,
-        columns,
-        lambda world, gate: gate(world).outcomes(runs=200),
-    )
-
-
 def sustained() -> None:
     def cell(probe: tuple[Kind, float, int], load: float) -> str:
         kind, seconds, number = probe
@@ -289,7 +269,6 @@ TABLES = {
         away,
         comparisons,
         looks,
-        pair_load,
         messages,
         sustained,
         peak_worlds,

@@ -21,7 +21,7 @@ from r2bspec.compare.interleaved_comparison import STARTS_OF_BOTH
 from r2bspec.compare.side_process import STEPS
 from r2bspec.judge.measure.metric_catalogue import Subjects, resolve
 from r2bspec.judge.measure.samples import RunSamples
-from r2bspec.judge.turn_comparison import trimmed_interval, turn_values
+from r2bspec.judge.ratio_of_starts import trimmed_interval, turn_values
 from r2bspec.plan.interim_looks import InterimLooks
 from run_simulation import Played, Simulation
 

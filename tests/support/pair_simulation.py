@@ -26,9 +26,6 @@ from run_simulation import EPOCH_NS, Played, Simulation, objective
 
 RATE_HZ = 30.0
 
-_BUSY = {"busy_s": 1.5, "stolen_s": 0.5}
-"""A quarter of two cores was given to others."""
-
 STEPS = 30
 
 NO_REGRESSION = {
@@ -49,8 +46,6 @@ class Comparison:
     Attributes:
         again: what came out where a pair was played again, by its number.
         unusable: pairs that could not be judged at first, by number, and why.
-        disturbed: pairs that the machine disturbed at first, by number, and by what.
-        load: the other load of the base and of the head in such pairs, as `Simulation` has it.
         fresh: pairs that were played to confirm a failure, likewise.
     """
 
@@ -59,8 +54,6 @@ class Comparison:
     objectives: Mapping[str, Objective] = field(default_factory=lambda: NO_REGRESSION)
     again: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     unusable: Mapping[int, str] = field(default_factory=dict)
-    disturbed: Mapping[int, str] = field(default_factory=dict)
-    load: tuple[Mapping[str, float], Mapping[str, float]] = (_BUSY, _BUSY)
     fresh: Sequence[tuple[float, float]] = ()
     control: bool = False
     planned: int = 0
@@ -84,12 +77,11 @@ class Comparison:
                 base=f"base/{number:03d}",
                 head=f"head/{number:03d}",
                 unusable=self.unusable.get(number, ""),
-                disturbed=self.disturbed.get(number, ""),
             )
             pairs.append(self._play(path, pair, base_s, head_s))
             if number in self.again:
                 names = {side: f"{side}/{number:03d}-again" for side in ("base", "head")}
-                second = msgspec.structs.replace(pair, again=True, unusable="", disturbed="")
+                second = msgspec.structs.replace(pair, again=True, unusable="")
                 second = msgspec.structs.replace(second, **names)
                 pairs.append(self._play(path, second, *self.again[number]))
         for number, (base_s, head_s) in enumerate(self.fresh, start=len(self.base) + 1):
@@ -127,8 +119,8 @@ class Comparison:
         )
 
     def _play(self, path: Path, pair: PairRecord, base_s: float, head_s: float) -> PairRecord:
-        sides = [(pair.base, base_s, self.load[0]), (pair.head, head_s, self.load[1])]
-        for name, level_s, load in sides if pair.order == "AB" else reversed(sides):
+        sides = [(pair.base, base_s), (pair.head, head_s)]
+        for name, level_s in sides if pair.order == "AB" else reversed(sides):
             # Runs follow each other on one clock: as many seconds after the first as there are.
             before = sum(1 for _ in path.glob("*/*/record.json"))
             simulated = replace(
@@ -136,7 +128,6 @@ class Comparison:
                 segments=[Played(RATE_HZ, latencies(level_s))],
                 objectives=self.objectives,
                 start_ns=EPOCH_NS + before * 10 * 10**9,
-                interference=load if pair.disturbed else self.template.interference,
             )
             simulated.write(path / name)
         return pair

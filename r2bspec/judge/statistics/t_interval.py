@@ -67,27 +67,6 @@ Two runs with one start each differ by 2 to 3 % on a shared machine. The interva
 iterations ignores that and shrinks as iterations are added, so that A compared with A looks worse
 in a third of comparisons, and more often for longer runs. And no two stored runs share their hour.
 Interleaved pairs (`paired_ratio`) do not have these faults.
-
-One more value
---------------
-
-With the logarithms h_1 .. h_m of earlier values, their mean h and standard deviation s, and y that
-of one more, if nothing has changed
-
-    (y - h) / (s sqrt(1 + 1/m))
-
-follows Student's t with m - 1 degrees of freedom, so that one-sided bounds on the ratio of the new
-value to the others are
-
-    exp(y - h -+ t_c(m - 1) s sqrt(1 + 1/m)).
-
-A machine whose level wanders makes a value differ from the mean of the others by more than they
-scatter, and yet by no more than from the value before. With the root mean square s_d of the m - 1
-steps between successive values,
-
-    exp(y - h_m -+ t_c(m - 1) s_d)
-
-are bounds that such a machine does not break, and the wider of both is used on either side.
 """
 
 from __future__ import annotations
@@ -97,7 +76,6 @@ import random
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final, Literal, TypeVar
 
 Value = TypeVar("Value")
@@ -235,7 +213,7 @@ class RatioInterval:
         lower: of the true ratio, at the requested confidence.
         upper: the same, by itself.
         deviation: the standard deviation of the logarithms; 0.02 is about 2 %.
-        n: the number of pairs, or of earlier runs.
+        n: the number of pairs.
     """
 
     ratio: float
@@ -245,11 +223,10 @@ class RatioInterval:
     n: int
 
     @classmethod
-    def of_logarithms(
-        cls, mean: float, lower: float, upper: float, deviation: float, n: int
-    ) -> RatioInterval:
-        """The interval from that of the logarithm of the ratio."""
-        return cls(math.exp(mean), math.exp(lower), math.exp(upper), deviation, n)
+    def of_logarithms(cls, found: MeanInterval, n: int) -> RatioInterval:
+        """Return the interval from that of the logarithm of the ratio."""
+        bounds = map(math.exp, (found.mean, found.lower, found.upper))
+        return cls(*bounds, found.deviation, n)
 
 
 def _logarithms(values: Sequence[float]) -> list[float]:
@@ -294,10 +271,7 @@ def paired_ratio(
     logs = [math.log(b / a) for a, b in zip(base, head, strict=True)]
     # Rounding both values to the resolution moves the logarithm by resolution / value of each.
     relative = math.sqrt(2) * resolution / min((*base, *head), default=1.0)
-    interval = mean_interval(logs, confidence, relative)
-    return RatioInterval.of_logarithms(
-        interval.mean, interval.lower, interval.upper, interval.deviation, len(logs)
-    )
+    return RatioInterval.of_logarithms(mean_interval(logs, confidence, relative), len(logs))
 
 
 def welch_ratio(base: Sequence[float], head: Sequence[float], confidence: float) -> RatioInterval:
@@ -318,80 +292,35 @@ def welch_ratio(base: Sequence[float], head: Sequence[float], confidence: float)
     if square > 0:
         freedom = square**2 / (square_a**2 / (len(base) - 1) + square_b**2 / (len(head) - 1))
         half = t_quantile(freedom, confidence) * math.sqrt(square)
-    difference = b.mean - a.mean
-    return RatioInterval.of_logarithms(
-        difference,
-        difference - half,
-        difference + half,
-        math.sqrt(square),
-        min(len(base), len(head)),
-    )
-
-
-@dataclass(frozen=True)
-class RunValues:
-    """The values of one run.
-
-    Attributes:
-        values: one positive value for each iteration.
-        starts: the start of each; empty where it is not known.
-    """
-
-    values: Sequence[float]
-    starts: Sequence[int] = ()
-
-    def of_starts(self) -> list[float]:
-        """The geometric mean of each start; nothing where starts are not known."""
-        groups = by_start(self.values, self.starts) if self.starts else []
-        return [math.exp(statistics.fmean(map(math.log, group))) for group in groups]
+    ratio = b.mean - a.mean
+    interval = MeanInterval(ratio, ratio - half, ratio + half, math.sqrt(square))
+    return RatioInterval.of_logarithms(interval, min(len(base), len(head)))
 
 
 def welch_ratio_of_runs(
-    base: RunValues, head: RunValues, confidence: float
-) -> tuple[RatioInterval, Literal["iterations", "starts"]]:
-    """The ratio head / base of two runs, and of what the interval is.
+    base: Sequence[float],
+    head: Sequence[float],
+    starts: tuple[Sequence[int], Sequence[int]],
+    confidence: float,
+) -> RatioInterval:
+    """Return the ratio head / base of two runs: the wider interval of iterations and starts.
 
     Args:
-        base: at least two values.
+        base: at least two positive values, one for each iteration.
         head: the same for the head.
+        starts: of each iteration of the base, and of the head; empty where they are not known.
         confidence: of each bound by itself.
 
     Raises:
         ValueError: fewer than two values on a side, or a value that is not positive.
     """
-    interval = welch_ratio(base.values, head.values, confidence)
-    a, b = base.of_starts(), head.of_starts()
-    if min(len(a), len(b)) < 2:
-        return interval, "iterations"
-    of_starts = welch_ratio(a, b, confidence)
-    if of_starts.upper / of_starts.lower < interval.upper / interval.lower:
-        return interval, "iterations"
-    return of_starts, "starts"
-
-
-def predicted_ratio(history: Sequence[float], new: float, confidence: float) -> RatioInterval:
-    """Return the ratio of one more value to earlier ones, with its one-sided bounds.
-
-    Args:
-        history: earlier positive values, oldest first, at least two.
-        new: one more, positive.
-        confidence: of each bound by itself.
-
-    Raises:
-        ValueError: fewer than two earlier values, or a value that is not positive.
-    """
-    *logs, latest = _logarithms((*history, new))
-    m = len(logs)
-    interval = mean_interval(logs, confidence)
-    t = t_quantile(m - 1, confidence)
-    half = t * interval.deviation * math.sqrt(1 + 1 / m)
-    difference = latest - interval.mean
-    step = t * math.sqrt(math.fsum((b - a) ** 2 for a, b in pairwise(logs)) / (m - 1))
-    last = latest - logs[-1]
-    return RatioInterval.of_logarithms(
-        difference,
-        min(difference - half, last - step),
-        max(difference + half, last + step),
-        interval.deviation,
-        m,
+    interval = welch_ratio(base, head, confidence)
+    if not all(len(set(of)) > 1 for of in starts):
+        return interval
+    a, b = (
+        [math.exp(statistics.fmean(map(math.log, group))) for group in by_start(values, of)]
+        for values, of in zip((base, head), starts, strict=True)
     )
+    of_starts = welch_ratio(a, b, confidence)
+    is_wider = of_starts.upper / of_starts.lower >= interval.upper / interval.lower
+    return of_starts if is_wider else interval

@@ -10,14 +10,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from r2bspec.judge.baseline_ratio import BaselineCase, judge_pairs
 from r2bspec.judge.measure.metric_catalogue import Subjects, resolve
-from r2bspec.judge.statistics.t_interval import (
-    pair_orders,
-    paired_ratio,
-    predicted_ratio,
-    welch_ratio,
-)
+from r2bspec.judge.ratio_of_starts import judge_ratio
+from r2bspec.judge.requirement_case import RequirementCase
+from r2bspec.judge.statistics.t_interval import pair_orders, paired_ratio, welch_ratio
 from r2bspec.judge.statistics.trend import trend
 from r2bspec.language.comparison_grammar import parse_requirement
 
@@ -25,10 +21,10 @@ BASE = [100.0, 101.5, 98.7, 100.4, 99.1, 102.2]
 HEAD = [95.2, 97.1, 93.0, 96.3, 94.4, 96.0]
 
 
-def asked(text: str = "throughput.mean >= 97 % of baseline") -> BaselineCase:
+def asked(text: str = "throughput.mean >= 97 % of baseline") -> RequirementCase:
     requirement = parse_requirement(text)
     assert requirement.bound is not None
-    return BaselineCase(
+    return RequirementCase(
         objective="no_regression",
         requirement=requirement,
         at_hz=30.0,
@@ -57,12 +53,6 @@ class TestStatistics:
             (math.exp(interval.low), math.exp(interval.high))
         )
 
-    def test_the_prediction_interval_agrees_with_its_definition(self) -> None:
-        found = predicted_ratio(BASE, 95.0, 0.95)
-        logs = np.log(BASE)
-        half = stats.t.ppf(0.95, 5) * logs.std(ddof=1) * math.sqrt(1 + 1 / 6)
-        assert math.log(found.upper) == pytest.approx(math.log(95) - logs.mean() + half)
-
     def test_a_coin_decides_the_order_of_pairs(self) -> None:
         assert pair_orders(10, seed=7) == pair_orders(10, seed=7)
         assert pair_orders(10, seed=7) != pair_orders(10, seed=7, session=1)
@@ -80,8 +70,6 @@ class TestStatistics:
             paired_ratio([1.0, bad], [1.0, 1.0], 0.95)
         with pytest.raises(ValueError, match="positive"):
             welch_ratio([1.0, bad], [1.0, 1.0], 0.95)
-        with pytest.raises(ValueError, match="positive"):
-            predicted_ratio([1.0, 1.0], bad, 0.95)
 
     def test_a_trend_agrees_with_scipy_where_residuals_are_independent(self) -> None:
         random = np.random.default_rng(3)
@@ -114,7 +102,7 @@ class TestOutcomes:
         ],
     )
     def test_the_margin_is_the_limit(self, text: str, outcome: str) -> None:
-        found = judge_pairs(asked(text), BASE, HEAD)
+        found = judge_ratio(asked(text), BASE, HEAD)
         assert (found.outcome, found.method, found.n) == (outcome, "paired t on logs", 6)
         assert bool(found.remedy) == (outcome == "inconclusive")
         assert "of the baseline over 6 pairs" in found.reason
@@ -124,19 +112,19 @@ class TestOutcomes:
         self, missing: float | None
     ) -> None:
         broken: Sequence[float | None] = [*HEAD[:-1], missing]
-        assert judge_pairs(asked(), BASE, broken).outcome == "fail"
-        assert judge_pairs(asked(), broken, BASE).outcome == "inconclusive"
-        assert judge_pairs(asked(), [], []).outcome == "inconclusive"
+        assert judge_ratio(asked(), BASE, broken).outcome == "fail"
+        assert judge_ratio(asked(), broken, BASE).outcome == "inconclusive"
+        assert judge_ratio(asked(), [], []).outcome == "inconclusive"
 
     def test_what_was_not_sampled_decides_nothing(self) -> None:
         sampled = asked("cpu.relay.mean <= 105 % of baseline")
-        assert judge_pairs(sampled, BASE, [*HEAD[:-1], None]).outcome == "inconclusive"
-        found = judge_pairs(sampled, BASE, [*HEAD[:-1], 0.0])
+        assert judge_ratio(sampled, BASE, [*HEAD[:-1], None]).outcome == "inconclusive"
+        found = judge_ratio(sampled, BASE, [*HEAD[:-1], 0.0])
         assert found.outcome == "inconclusive"
         assert "a ratio to 0 is undefined" in found.reason
 
     def test_base_and_head_are_told(self) -> None:
-        found = judge_pairs(asked(), BASE, HEAD)
+        found = judge_ratio(asked(), BASE, HEAD)
         assert found.compared is not None
         assert found.compared.base_values == tuple(BASE)
         assert found.compared.head == pytest.approx(stats.gmean(HEAD))
@@ -144,4 +132,4 @@ class TestOutcomes:
         assert "from 100.3 Hz to 95.32 Hz" in found.reason
 
     def test_one_pair_is_too_few(self) -> None:
-        assert "2 pairs" in judge_pairs(asked(), [1.0], [1.0]).remedy
+        assert "2 pairs" in judge_ratio(asked(), [1.0], [1.0]).remedy

@@ -12,13 +12,13 @@ import pytest
 from numpy.typing import NDArray
 
 from r2bspec.compare.report_input import ReportInput
-from r2bspec.judge.baseline_comparison import judge_baseline_requirements
-from r2bspec.judge.baseline_ratio import BaselineCase
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.measure.metrics import summarise
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.pipeline import judge
+from r2bspec.judge.ratio_of_starts import judge_baseline_requirements
+from r2bspec.judge.requirement_case import RequirementCase
 from r2bspec.judge.result import Result
 from r2bspec.judge.validity import lateness_limit_s
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
@@ -185,7 +185,7 @@ def test_nor_is_it_compared_with_a_baseline(tmp_path: Path) -> None:
     assert "matched by order, and 3 of 900 are missing" in found.requirements[0].reason
 
 
-def _never_asked(question: BaselineCase) -> RequirementVerdict:
+def _never_asked(question: RequirementCase) -> RequirementVerdict:
     raise AssertionError(question)
 
 

@@ -38,10 +38,17 @@ class TestThePlan:
         assert InterimLooks.planned(10, 5).iterations == (6, 8, 10)
         assert InterimLooks.planned(7, 3).iterations == (7,)
         assert InterimLooks.planned(4, 2, 12).iterations == (4, 6, 8, 10, 12)
-        assert InterimLooks.after_each_pair(6).iterations == (3, 4, 5, 6)
         many = InterimLooks.planned(2000, 1000)
         assert len(many) <= MAX_LOOKS
         assert many.iterations[-1] == 2000
+
+    def test_pairs_have_one_and_another_for_what_confirms_a_failure(self) -> None:
+        looks = InterimLooks.after_pairs(10, 15)
+        assert (looks.iterations, looks.error_share(1), looks.error_share(2)) == (
+            (10, 15),
+            1.0,
+            0.2,
+        )
 
     def test_a_run_that_is_judged_once_has_none(self) -> None:
         play = PlayPlan(rate_hz=30.0, duration_ns=1, iterations=4)

@@ -10,14 +10,14 @@ import pytest
 
 from r2bspec.judge.measure.metric_catalogue import Subjects, resolve
 from r2bspec.judge.measure.samples import RunSamples
-from r2bspec.judge.statistics.t_interval import mean_interval
-from r2bspec.judge.turn_comparison import (
+from r2bspec.judge.ratio_of_starts import (
     TRIMMED_FROM,
     can_be_played_by_turns,
-    ratio_of_starts,
     trimmed_interval,
+    trimmed_ratio,
     turn_values,
 )
+from r2bspec.judge.statistics.t_interval import mean_interval
 from run_simulation import Played, Simulation
 
 SUBJECTS = Subjects(processes=("apriltag",))
@@ -98,7 +98,7 @@ def test_one_odd_start_of_eight_decides_nothing() -> None:
 
 def test_a_ratio_has_its_bounds_on_both_sides() -> None:
     base, head = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [1.11, 2.19, 3.31, 4.38, 5.52, 6.6]
-    found = ratio_of_starts(base, head, 0.985)
+    found = trimmed_ratio(base, head, 0.985)
     assert found.lower < found.ratio < found.upper
     assert found.ratio == pytest.approx(1.1, rel=0.01)
     assert found.n == 6
