@@ -111,8 +111,6 @@ MAX_ANATOMY_EVENTS: Final = 4_000_000
 """Of all processes of a start together: 20,000 a second for three minutes."""
 MAX_ANATOMY_FILES: Final = 1_000
 """Processes of one start whose events are recorded: a large graph has some dozens."""
-MAX_IDENTITY_TEXT_BYTES: Final = 4_000_000
-"""A text file of the graph that is compared between runs."""
 MAX_DIGEST_BYTES: Final = 512_000_000
 """A program whose content is compared."""
 MAX_LOADED_NAMES_BYTES: Final = 16 << 20

@@ -1,25 +1,20 @@
 """The identity of the graph of a plan: of each node, the files that its process uses.
 
-Before a run these are the files that the plan names: of a Python node its file and the Python files
-beside it, of a program or a component the file, or the sources of its package where these lie in
-the work tree, because what is built of them changes with the place of the build. After a run they
-are the files that the processes have really loaded (`observed_identity`). What is installed is
-known by the versions of its packages.
+Before a run these are the files of the work tree that the plan names: of a Python node its file, of
+a command the files among its words, parameter files, launch files, and of a program or a component
+of a package of the work tree the sources of that, because what is built of them changes with the
+place of the build. After a run the files are known that the processes have really loaded
+(`observed_identity`). What is installed is known by the versions of its packages.
 
-Nothing is executed, and nothing of the graph is imported. Files are looked up as the processes of
-the run would: relative to the folder of the spec, on ``PATH``, ``PYTHONPATH`` and in the ament
-index, with the environment as it now is. What cannot be known is said in `NodeIdentity.unknown`
-instead of being left out.
+Nothing is executed, and nothing of the graph is imported.
 """
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
 import platform
 import re
-import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -31,18 +26,13 @@ from typing import Final
 import msgspec
 
 from r2bspec.execute.identity.installed_python import (
-    entry_module,
     installed_version,
     is_installed,
-    module_path,
-    python_beside,
     version_changes,
 )
-from r2bspec.execute.processes.elf import ELF
 from r2bspec.plan.command_lines import EXECUTABLE, INCLUDED_LAUNCH
-from r2bspec.plan.installed_packages import ament_packages, package_share, package_version
+from r2bspec.plan.installed_packages import package_share, package_version
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
-from r2bspec.plan.this_machine import AMENT_INDEX, ament_prefixes
 from r2bspec.record.graph_identity import (
     FileDigest,
     GraphIdentity,
@@ -53,24 +43,8 @@ from r2bspec.record.graph_identity import (
 )
 from r2bspec.safe_io.file_search import walk
 from r2bspec.safe_io.git import find_work_tree, inspect_work_tree
-from r2bspec.safe_io.limits import (
-    MAX_DIGEST_BYTES,
-    MAX_IDENTITY_TEXT_BYTES,
-    MAX_MANIFEST_BYTES,
-    MAX_NAME_CHARACTERS,
-)
+from r2bspec.safe_io.limits import MAX_DIGEST_BYTES, MAX_MANIFEST_BYTES, MAX_NAME_CHARACTERS
 from r2bspec.safe_io.safe_file import is_regular, open_regular, read_bytes
-
-_PYTHON_PROGRAM: Final = re.compile(rb"#![^\n]*\bpython[0-9.]*\b")
-_PYTHON_INTERPRETER: Final = re.compile(r"(?:.*/)?python[0-9.]*|\$\(python\)")
-_ENTRY_SCRIPT: Final = re.compile(
-    rb"""['"](?P<name>[\w.-]+)(?:==[^'"]*)?['"],\s*['"](?P<group>\w+)['"],\s*['"](?P<entry>[^'"]+)['"]"""
-)
-"""What a program that was installed with an entry point says of it: distribution, group, name."""
-_QUOTED: Final = re.compile(r"""["']([^"'\n]{1,300})["']""")
-_PODMAN_FILE: Final = Path("/run/.containerenv")
-_PODMAN_IMAGE: Final = re.compile(rb'(?m)^imageid="([^"\n]+)"')
-_IMAGE_VARIABLES: Final = ("CI_JOB_IMAGE", "DEVCONTAINER_IMAGE")
 
 
 class FileDigests:
@@ -126,15 +100,6 @@ def file_sha256(path: Path) -> str:
         if os.fstat(file.fileno()).st_size > MAX_DIGEST_BYTES:
             raise OSError(f"{path} is too large for a digest")
         return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
-
-
-def is_elf(path: Path) -> bool:
-    """Whether a file is an executable or a library of this system."""
-    try:
-        with open_regular(path) as file:
-            return file.read(len(ELF)) == ELF
-    except OSError:
-        return False
 
 
 _MANIFEST: Final = "package.xml"
@@ -319,7 +284,6 @@ class _GraphIdentifier:
         self._digests = FileDigests(top)
         self._workspace = WorkspacePackages(top)
         self._version = cache(package_version)
-        self._share = cache(package_share)
         self._packages: dict[str, str] = {}
 
     def nodes(self, plan: Plan) -> Iterator[tuple[str, NodeIdentity]]:
@@ -329,33 +293,29 @@ class _GraphIdentifier:
             for node in process.nodes:
                 yield f"{before}{node.node}", self._identity(self._node(process, node))
         for external in plan.external:
-            yield (
-                external.name,
-                self._identity(_Parts("external", unknown=["it is started by others"])),
-            )
+            parts = _Parts("external", unknown=["it is started by others"])
+            yield external.name, self._identity(parts)
         for setup in plan.setup:
             parts = _Parts("setup")
-            self._add_command(parts, setup.argv, self._base_dir / setup.directory)
+            self._add_words(parts, setup.argv, self._base_dir / setup.directory)
             yield f"setup {setup.name}", self._identity(parts)
         for step in plan.after_ready:
             if step.argv:
                 parts = _Parts("step")
-                self._add_command(parts, step.argv, self._base_dir)
+                self._add_words(parts, step.argv, self._base_dir)
                 yield f"step {step.name}", self._identity(parts)
 
     def packages(self) -> dict[str, str]:
-        """The versions of Python, of what is installed, and of what contains all of it."""
-        packages = {"python": platform.python_version(), **self._packages}
-        if image := container_image():
-            packages["container image"] = image
-        return packages
+        """The versions of Python, and of what is installed and was loaded."""
+        return {"python": platform.python_version(), **self._packages}
 
     def observed(self, node: NodeIdentity, loaded: Iterable[str]) -> NodeIdentity:
-        """The node by what its process has loaded; what is named and no Python file stays.
+        """The node by what its process has loaded; what the plan names stays.
 
         What was built in the work tree is known by its sources.
         """
         parts = _Parts(node.kind, package=node.package, unknown=[node.unknown] * bool(node.unknown))
+        parts.files = {file.path: file for file in node.files}
         for name in loaded:
             path = Path(name)
             if is_installed(path):
@@ -365,9 +325,6 @@ class _GraphIdentifier:
                 self._add_counterpart(parts, path)
             elif not self._digests.is_inside(path) and is_regular(path):
                 self._add_file(parts, path)
-        is_python_known = any(path.endswith(".py") for path in parts.files)
-        named = (file for file in node.files if not (is_python_known and file.path.endswith(".py")))
-        parts.files = {file.path: file for file in named} | parts.files
         return self._identity(parts)
 
     def _identity(self, parts: _Parts) -> NodeIdentity:
@@ -385,18 +342,19 @@ class _GraphIdentifier:
         parts = _Parts("command")
         if node.plugin:
             parts.kind = "plugin"
-            self._add_plugin(parts, node.package, node.plugin)
+            self._add_package(parts, node.package)
         elif node.target:
             parts.kind = "python"
-            self._add_target(parts, node.target)
+            path, colon, _ = node.target.rpartition(":")
+            if colon:
+                self._add_file(parts, (self._base_dir / path).resolve())
+            elif package_share(package := node.target.partition(".")[0]):
+                parts.package = package
         elif INCLUDED_LAUNCH in process.argv:
             parts.kind = "launch"
             self._add_launch(parts, process.argv)
-        else:
-            self._add_command(parts, process.argv, self._base_dir)
-        if node.plugin or node.target:
-            # A prefix, and a program of the work tree in it.
-            self._add_named_files(parts, process.argv, self._base_dir)
+        # Of a node in a process of the harness: a prefix, and a program of the work tree in it.
+        self._add_words(parts, process.argv, self._base_dir)
         files = node.parameter_files
         for name in files if files is not msgspec.UNSET else ():
             self._add_file(parts, self._base_dir / name)
@@ -408,36 +366,6 @@ class _GraphIdentifier:
             parts.unknown.append(f"{path} cannot be read")
         else:
             parts.files[digest.path] = digest
-
-    def _add_target(self, parts: _Parts, target: str) -> None:
-        path, colon, _ = target.rpartition(":")
-        if colon:
-            self._add_python(parts, (self._base_dir / path).resolve())
-        else:
-            self._add_module(parts, target.rpartition(".")[0])
-
-    def _add_module(self, parts: _Parts, name: str) -> None:
-        file = module_path(name)
-        if file is None:
-            parts.unknown.append(f"module {name} is not installed")
-            return
-        self._packages |= installed_version(file)
-        package = name.partition(".")[0]
-        if not parts.package and self._share(package):
-            parts.package = package
-        self._add_python(parts, file)
-
-    def _add_python(self, parts: _Parts, file: Path) -> None:
-        """A Python file with what it may import: from its folder, and from packages of ROS."""
-        self._add_file(parts, file)
-        if not parts.files:
-            return
-        for package, folder in self._workspace.folders.items():
-            if file.is_relative_to(folder):
-                self._add_package(parts, package)
-        for path in python_beside(file):
-            self._add_file(parts, path)
-            self._add_counterpart(parts, path)
 
     def _add_counterpart(self, parts: _Parts, installed: Path) -> None:
         """The source that a module was installed from, in place of the module if they are equal.
@@ -458,112 +386,35 @@ class _GraphIdentifier:
                 parts.files.pop(copy.path, None)
             parts.files[digest.path] = digest
 
-    def _add_plugin(self, parts: _Parts, package: str, plugin: str) -> None:
-        parts.package = package
-        library = _component_library(package, plugin)
-        if library is None:
-            parts.unknown.append(f"{package} registers no component {plugin}")
-        else:
-            self._add_built(parts, library, package)
-            return
-        self._add_package(parts, package)
-
-    def _add_built(self, parts: _Parts, file: Path, package: str) -> None:
-        """What was built of a package: its sources in the work tree, or else the file."""
-        sources = list(self._workspace.sources(package))
-        for path in sources or [file]:
-            self._add_file(parts, path)
-
     def _add_package(self, parts: _Parts, package: str) -> None:
-        """The sources of a ROS package that lies in the work tree."""
+        """A ROS package, with its sources where it lies in the work tree."""
+        parts.package = parts.package or package
         for path in self._workspace.sources(package):
             self._add_file(parts, path)
 
-    def _add_executable(self, parts: _Parts, package: str, name: str) -> None:
-        parts.package = parts.package or package
-        program = _installed_file(f"lib/{package}/{name}")
-        if program is None:
-            parts.unknown.append(f"package {package} has no executable {name} here")
-            self._add_package(parts, package)
-        else:
-            self._add_program(parts, program, package)
-
-    def _add_program(self, parts: _Parts, program: Path, package: str = "") -> None:
-        """A file, or the sources that it is built of, or those of a program of Python."""
-        if is_elf(program):
-            self._add_built(parts, program, package)
-            return
-        self._add_file(parts, program)
-        text = _read(program)
-        if program.suffix != ".py" and _PYTHON_PROGRAM.match(text) is None:
-            self._add_package(parts, package)
-            return
-        entry = _ENTRY_SCRIPT.search(text)
-        words = (entry[name].decode() for name in ("name", "group", "entry")) if entry else ()
-        if entry is not None and (module := entry_module(*words)):
-            # The program has the version in it, but nothing that runs.
-            parts.files.pop(self._digests.shown(self._digests.real_path(program)), None)
-            self._add_module(parts, module)
-        else:
-            self._add_python(parts, program.resolve())
-
-    def _add_command(self, parts: _Parts, argv: Sequence[str], folder: Path) -> None:
-        """A command: its program, and the files of the work tree that it names.
-
-        A program elsewhere is known by its content.
-        """
-        rest = [*argv]
-        match rest:
-            case ["ros2", "run", package, name, *_] if not package.startswith("-"):
-                parts.kind = "executable"
-                self._add_executable(parts, package, name)
-                rest = rest[4:]
-            case [first, *_] if (executable := EXECUTABLE.fullmatch(first)) is not None:
-                parts.kind = "executable"
-                self._add_executable(parts, executable["package"], executable["name"])
-                rest = rest[1:]
-            case [first, "-m", module, *_] if _PYTHON_INTERPRETER.fullmatch(first):
-                self._add_module(parts, module)
-            case [first, *_]:
-                self._add_first_word(parts, first, folder)
-                rest = rest[1:]
-        self._add_named_files(parts, rest, folder)
-
-    def _add_first_word(self, parts: _Parts, word: str, folder: Path) -> None:
-        place = str(folder / word) if "/" in word else shutil.which(word)
-        program = Path(place) if place is not None else None
-        if program is None or not is_regular(program):
-            parts.unknown.append(f"program {word} is not installed")
-        elif self._digests.is_inside(program):
-            self._add_program(parts, program)
-        elif not _PYTHON_INTERPRETER.fullmatch(word):
-            self._add_file(parts, program)
-
-    def _add_named_files(self, parts: _Parts, words: Iterable[str], folder: Path) -> None:
-        """The files of the work tree among the words of a command, also as ``key:=file``."""
+    def _add_words(self, parts: _Parts, words: Sequence[str], folder: Path) -> None:
+        """The programs and the files of the work tree in a command, also as ``key:=file``."""
+        if [*words[:2]] == ["ros2", "run"] and len(words) > 3:
+            words = (f"$(executable {words[2]} {words[3]})", *words[4:])
         for word in words:
             if (executable := EXECUTABLE.fullmatch(word)) is not None:
-                # Of a container, or after a prefix.
-                if parts.kind == "command":
-                    parts.kind = "executable"
-                    self._add_executable(parts, executable["package"], executable["name"])
+                # Of a container, the program is no part of its components.
+                if parts.kind in {"command", "setup", "step"}:
+                    parts.kind = "executable" if parts.kind == "command" else parts.kind
+                    self._add_package(parts, executable["package"])
                 continue
             for name in dict.fromkeys((word, word.rpartition("=")[2])):
+                path = folder / name
                 if not name or name.startswith("$(") or len(name) > MAX_NAME_CHARACTERS:
                     continue
-                path = folder / name
                 if is_regular(path) and self._digests.is_inside(path):
-                    self._add_program(parts, path)
+                    self._add_file(parts, path)
 
     def _add_launch(self, parts: _Parts, argv: Sequence[str]) -> None:
-        """A launch file, what it names beside it, and the packages of the work tree in its text.
-
-        What it starts is decided when it is executed: that is not known.
-        """
+        """A launch file, and its package where that lies in the work tree."""
         places = dict(word.split(":=", 1) for word in argv if ":=" in word)
         name, package = places.get("file", ""), places.get("package", "")
-        share = self._share(package) if package else self._base_dir
-        parts.package = package
+        share = package_share(package) if package else self._base_dir
         file = share / name if share is not None else None
         if file is None or not is_regular(file):
             parts.unknown.append(f"launch file {name} is not installed")
@@ -571,46 +422,4 @@ class _GraphIdentifier:
         self._add_file(parts, file)
         if package:
             self._add_package(parts, package)
-        text = _read(file).decode(errors="replace")
-        installed = ament_packages() | self._workspace.folders.keys()
-        for quoted in dict.fromkeys(_QUOTED.findall(text)):
-            if quoted in installed:
-                self._add_package(parts, quoted)
-            elif "." in quoted and is_regular(path := file.parent / quoted):
-                self._add_file(parts, path)
         parts.unknown.append("what a launch file starts is decided when it is executed")
-
-
-def _installed_file(inside: str) -> Path | None:
-    """A file of the ROS packages, in the first prefix that has it, by its path below the prefix."""
-    files = (prefix / inside for prefix in ament_prefixes())
-    return next((file for file in files if file.exists()), None)
-
-
-def _component_library(package: str, plugin: str) -> Path | None:
-    """The library that the index names for a component; None if it names none."""
-    inside = f"{AMENT_INDEX}/rclcpp_components/{package}"
-    index = _installed_file(inside)
-    if index is not None:
-        for line in _read(index).decode(errors="replace").splitlines():
-            name, _, library = map(str.strip, line.partition(";"))
-            if name == plugin and library:
-                return Path(str(index).removesuffix(inside), library)
-    return None
-
-
-def container_image() -> str:
-    """The image of the container that this process runs in, as far as it can know; else empty.
-
-    Podman writes the id into a file, and some pipelines set a variable. Docker says nothing.
-    """
-    match = _PODMAN_IMAGE.search(_read(_PODMAN_FILE))
-    if match is not None:
-        return match[1].decode(errors="replace")
-    return next((os.environ[name] for name in _IMAGE_VARIABLES if os.environ.get(name)), "")
-
-
-def _read(path: Path) -> bytes:
-    with contextlib.suppress(OSError, ValueError):
-        return read_bytes(path, max_bytes=MAX_IDENTITY_TEXT_BYTES)
-    return b""

@@ -1,4 +1,4 @@
-"""Where the processes of the graph find Python modules, and which packages these are of.
+"""Which packages the Python modules of the graph are of, and their versions.
 
 Folders are those that a process of the graph searches: of ``PYTHONPATH`` as it is now, which
 differs between the sides of a comparison, and those of this interpreter.
@@ -12,60 +12,18 @@ import platform
 import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
-from importlib.machinery import PathFinder
-from itertools import islice
 from pathlib import Path
 from typing import Final
 
 from r2bspec.plan.installed_packages import package_version
-from r2bspec.safe_io.file_search import walk
 
 _SITES: Final = ("site-packages", "dist-packages")
 _SYSTEM: Final = tuple({"/usr/", "/opt/ros/", f"{sys.prefix}/", f"{sys.base_prefix}/"})
-_MAX_FILES: Final = 4_000
-
-
-def python_beside(file: Path) -> Iterator[Path]:
-    """The Python files in the folder of a file, and in the packages below it."""
-    yield from islice(_python_in(file.parent), _MAX_FILES)
-
-
-def _python_in(folder: Path) -> Iterator[Path]:
-    yield from sorted(folder.glob("*.py"))
-    for package in sorted(folder.glob("*/__init__.py")):
-        for parent, folders, files in walk(package.parent):
-            folders[:] = sorted(name for name in folders if not name.startswith((".", "__")))
-            yield from (parent / name for name in sorted(files) if name.endswith(".py"))
 
 
 def _folders() -> list[str]:
     entries = (os.environ.get("PYTHONPATH") or "").split(os.pathsep)
     return [*(str(Path(entry).absolute()) for entry in entries if entry), *sys.path]
-
-
-def module_path(name: str) -> Path | None:
-    """The file of a module, for which nothing is imported; None if it is not found."""
-    folders, file = _folders(), None
-    parts = name.split(".")
-    for count in range(1, len(parts) + 1):
-        try:
-            spec = PathFinder.find_spec(".".join(parts[:count]), folders)
-        except (ImportError, ValueError, OSError):
-            spec = None
-        if spec is None:
-            return None
-        folders = list(spec.submodule_search_locations or ())
-        file = spec.origin
-    return Path(file) if file is not None else None
-
-
-def entry_module(distribution: str, group: str, name: str) -> str:
-    """The module of an entry point of an installed distribution; empty if it has none."""
-    for found in importlib.metadata.distributions(name=distribution, path=_folders()):
-        for entry in found.entry_points:
-            if (entry.group, entry.name) == (group, name):
-                return entry.module
-    return ""
 
 
 def is_installed(file: Path) -> bool:

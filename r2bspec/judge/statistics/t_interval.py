@@ -225,8 +225,8 @@ class RatioInterval:
     @classmethod
     def of_logarithms(cls, found: MeanInterval, n: int) -> RatioInterval:
         """Return the interval from that of the logarithm of the ratio."""
-        bounds = map(math.exp, (found.mean, found.lower, found.upper))
-        return cls(*bounds, found.deviation, n)
+        ratio, lower, upper = map(math.exp, (found.mean, found.lower, found.upper))
+        return cls(ratio, lower, upper, found.deviation, n)
 
 
 def _logarithms(values: Sequence[float]) -> list[float]:
