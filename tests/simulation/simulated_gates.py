@@ -360,8 +360,9 @@ def pairs_errors(
     looks = InterimLooks.after_pairs(pairs, pairs + more)
 
     def outcome(base: Values, head: Values, look: int) -> int:
-        sides = (side[: looks.iterations[look - 1]].tolist() for side in (base, head))
-        return ratio_outcome(paired_ratio(*sides, looks.confidence_at(look)), limit)
+        end, confidence = looks.iterations[look - 1], looks.confidence_at(look)
+        interval = paired_ratio(base[:end].tolist(), head[:end].tolist(), confidence)
+        return ratio_outcome(interval, limit)
 
     for seed in random.integers(2**32, size=runs).tolist():
         order = np.concatenate([heads(pairs, seed), heads(more, seed + 1)])

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from simulated_gates import paired_gate, pairs_errors
-from simulated_worlds import Values
+from simulated_gates import Values, paired_gate, pairs_errors
 
 from nightly import noise, sampled, size
 
