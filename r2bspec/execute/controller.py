@@ -37,7 +37,6 @@ from r2bspec.execute.measurement.measurement import Measurement
 from r2bspec.execute.measurement.turns import Filled, Partner, play_by_turns
 from r2bspec.execute.processes import environment as run_environment
 from r2bspec.execute.processes import prerequisites
-from r2bspec.execute.processes.elf import require_joinable
 from r2bspec.execute.processes.machine import describe_machine, describe_versions, unwritable_log
 from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.execute.processes.scheduling import require_permitted
@@ -290,9 +289,7 @@ class _Run:
         # Every program exists before any is started, but after the setup steps.
         with self._states.clock.waiting("programs: found, or built"):
             for process in plan.processes:
-                argv = prerequisites.resolve_argv(process)
-                if process.join is not None:
-                    require_joinable(process.name, argv)
+                prerequisites.resolve_argv(process)
             if plan.harness.placement == "graph":
                 for make in (join_object, harness_library):
                     prerequisites.built(make)

@@ -28,7 +28,7 @@ import msgspec
 
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.bringup.readiness import IdleTime, patience_s, starts_others
-from r2bspec.execute.processes.elf import not_joinable
+from r2bspec.execute.errors import NotJoinableError
 from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -235,6 +235,16 @@ class GraphJoins:
             raise not_joinable(child.name, "it does not load the harness") from None
         if isinstance(reply, protocol.Failed):
             raise not_joinable(child.name, reply.message)
+
+
+def not_joinable(name: str, reason: str) -> NotJoinableError:
+    """Return the error for a process that the harness cannot join, with the ways out."""
+    return NotJoinableError(
+        f"player and monitors cannot join process {name}: {reason}",
+        hint="A program that is linked statically, runs as another user (setuid) or uses another C "
+        "library loads nothing. Write 'harness: {placement: separate}', or name another process "
+        "with 'in'.",
+    )
 
 
 def has_loaded_ros(pids: Iterable[int]) -> bool:
