@@ -46,6 +46,7 @@ from r2bspec.judge.measure.metric_values import metric_value, values_with_lost
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
+from r2bspec.judge.methods import Method
 from r2bspec.judge.methods.mean_bound import resolution
 from r2bspec.judge.pipeline import latency_unknown_by_order
 from r2bspec.judge.requirement_case import (
@@ -273,7 +274,7 @@ def judge_ratio(
             else paired_ratio(*values, case.confidence, _resolution(case, max(map(max, values))))
         )
         decision = _by_interval(case, *values, interval, by_turns=by_turns)
-    method = "trimmed t by turns" if by_turns else "paired t on logs"
+    method: Method = "trimmed t by turns" if by_turns else "paired t on logs"
     number = interval.n if interval is not None else len(base)
     verdict = requirement_verdict(case, replace(decision, method=method, n=number))
     compared = BaselineEstimate(

@@ -28,11 +28,11 @@ from r2bspec.judge.result import Result
 from r2bspec.report.notes import notes
 from r2bspec.report.suite import SuiteSummary, render
 from r2bspec.safe_io.git import commit_of
+from run_simulation import Simulation
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
 
 JUNIT = ("--report", "junit=junit.xml")
-BUSY_HOST = "other processes used 0.97 of 2 cores (limit 0.5)"
 USED = {"busy_s": 1.94}
 
 
@@ -76,8 +76,8 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str
         head = compared.head
         names.append(head.plan.name)
         level = (0.020 * (NOISE**10 if head.plan.name == "open" else NOISE)).tolist()
-        disturbed = {1: BUSY_HOST} if head.plan.name == "open" else {}
-        comparison = Comparison(level, level[::-1], disturbed=disturbed, load=(USED, USED))
+        host = Simulation(interference=USED) if head.plan.name == "open" else Simulation()
+        comparison = Comparison(level, level[::-1], template=host)
         result = read_folder(comparison.write(folder).folder).result
         code = graph_identity(head.plan, head.base_dir, top=gate.tree.head_top)
         result = msgspec.structs.replace(result, name=head.plan.name, identity=code)
