@@ -20,7 +20,7 @@ once:
     in a run of one start     alpha / 2       alpha / (2 (L - 1))
 
 Pairs of runs are judged when all are played and, after a FAIL, again with those that confirm it;
-the second look has a fifth of the error, so that at most 1 % of equal graphs fail both.
+the second look has an eighth of the error, so that at most 1 % of equal graphs fail both.
 
 The first is calibrated: for Student's t on normal values, all looks together are wrong in 5.0 % at
 most, each way (`tests/simulation/test_simulation_looks.py`); so are the constant levels of Pocock
@@ -45,7 +45,7 @@ _SHARE_BY_TURNS: Final = 0.3
 """Of the error, for each look at starts of both sides. Pairs share most of their values from look
 to look, so that the sum is not used up (`tests/simulation/test_simulation_turns.py`)."""
 
-_SHARES_OF_PAIRS: Final = (1.0, 0.2)
+_SHARES_OF_PAIRS: Final = (1.0, 0.125)
 """Of the error, for all pairs, and for these with those that confirm a failure."""
 
 FIRST_LOOK: Final = 3
