@@ -46,6 +46,7 @@ class Comparison:
     Attributes:
         again: what came out where a pair was played again, by its number.
         unusable: pairs that could not be judged at first, by number, and why.
+        load: what others did while pairs were played, by number, as `Simulation` has it.
         fresh: pairs that were played to confirm a failure, likewise.
     """
 
@@ -54,6 +55,7 @@ class Comparison:
     objectives: Mapping[str, Objective] = field(default_factory=lambda: NO_REGRESSION)
     again: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     unusable: Mapping[int, str] = field(default_factory=dict)
+    load: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
     fresh: Sequence[tuple[float, float]] = ()
     control: bool = False
     planned: int = 0
@@ -128,6 +130,7 @@ class Comparison:
                 segments=[Played(RATE_HZ, latencies(level_s))],
                 objectives=self.objectives,
                 start_ns=EPOCH_NS + before * 10 * 10**9,
+                interference=self.load.get(pair.number, self.template.interference),
             )
             simulated.write(path / name)
         return pair

@@ -28,7 +28,6 @@ from r2bspec.judge.result import Result
 from r2bspec.report.notes import notes
 from r2bspec.report.suite import SuiteSummary, render
 from r2bspec.safe_io.git import commit_of
-from run_simulation import Simulation
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
 
@@ -76,8 +75,8 @@ def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str
         head = compared.head
         names.append(head.plan.name)
         level = (0.020 * (NOISE**10 if head.plan.name == "open" else NOISE)).tolist()
-        host = Simulation(interference=USED) if head.plan.name == "open" else Simulation()
-        comparison = Comparison(level, level[::-1], template=host)
+        load = {1: USED} if head.plan.name == "open" else {}
+        comparison = Comparison(level, level[::-1], load=load)
         result = read_folder(comparison.write(folder).folder).result
         code = graph_identity(head.plan, head.base_dir, top=gate.tree.head_top)
         result = msgspec.structs.replace(result, name=head.plan.name, identity=code)
