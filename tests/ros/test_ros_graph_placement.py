@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 from collections import Counter
@@ -23,7 +22,6 @@ GRAPH: dict[str, Any] = {"placement": "graph"}
 STEPS = 20
 """Of the one iteration of `relay_spec`."""
 
-FOREIGN_USER = 65534
 STARTS = """
 import subprocess, sys
 LIST = (
@@ -160,17 +158,6 @@ def test_a_crash_of_the_graph_is_named_and_loses_nothing(bench: Bench) -> None:
     assert not segment.complete
     # What came before the crash is in the file; the last answer may have died with its reader.
     assert run.monitor(segment, "out").size in {further - 1, further}
-
-
-@only_nightly()
-@pytest.mark.skipif(os.getuid() != 0, reason="only root can give a program to another user")
-def test_a_setuid_program_is_refused_before_anything_is_measured(bench: Bench) -> None:
-    program = bench.folder / "setuid"
-    program.write_bytes(c_node("relay").read_bytes())
-    os.chown(program, FOREIGN_USER, FOREIGN_USER)
-    program.chmod(0o4755)
-    done = bench.run(relay_spec(harness=GRAPH, graph=c_relay(command=[str(program)])))
-    assert_refused(done, f"{program} runs as another user (setuid or setgid)")
 
 
 @only_nightly()
