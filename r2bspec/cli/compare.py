@@ -17,7 +17,7 @@ from r2bspec.errors import ExitStatus
 from r2bspec.language.quantities import Share
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo_document
-from r2bspec.safe_io.safe_file import is_folder
+from r2bspec.safe_io.safe_file import is_folder, open_regular
 
 if TYPE_CHECKING:
     from r2bspec.report.write_reports import ReportRequest
@@ -101,8 +101,8 @@ def _is_finished(path: str) -> bool:
 
 def _beginning(file: Path) -> str:
     try:
-        with file.open(errors="replace") as opened:
-            return opened.read(1_000)
+        with open_regular(file) as opened:
+            return opened.read(1_000).decode(errors="replace")
     except OSError:
         return ""
 

@@ -32,7 +32,7 @@ def test_an_extra_comes_from_where_the_package_came_from(
         def read_text(self, _: str) -> str | None:
             return origin
 
-    monkeypatch.setattr("r2bspec.extras.distribution", lambda _: Installed())
+    monkeypatch.setattr("importlib.metadata.distribution", lambda _: Installed())
     assert install_command("ros") == command
 
 
@@ -40,5 +40,5 @@ def test_a_package_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatc
     def absent(name: str) -> Any:
         raise metadata.PackageNotFoundError(name)
 
-    monkeypatch.setattr("r2bspec.extras.distribution", absent)
+    monkeypatch.setattr("importlib.metadata.distribution", absent)
     assert install_command("tune") == "pip install 'r2bspec[tune]'"
