@@ -47,7 +47,7 @@ class TestThePlan:
         assert (looks.iterations, looks.error_share(1), looks.error_share(2)) == (
             (10, 15),
             1.0,
-            0.2,
+            0.125,
         )
 
     def test_a_run_that_is_judged_once_has_none(self) -> None:
