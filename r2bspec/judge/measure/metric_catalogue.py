@@ -293,20 +293,19 @@ def find_metric(name: str) -> MetricInfo:
 _INTRODUCTION = """\
 # Metrics
 
-Every metric that a requirement of `slos:` can name, as `r2bspec docs metrics` and
-`r2bspec docs latency.p99` print them. This page is generated.
+Every metric that a requirement of `slos:` can name. `r2bspec docs metrics` prints this page,
+`r2bspec docs latency.p99` one metric.
 
-The name of a monitor before a metric (`detections.latency.p99`) selects the monitor; without it, a
-requirement applies to each. `<process>` is the name of any process of the plan. Every other
-percentile can be named, too: `p42`, `p99_5` for 99.5 %.
+`detections.latency.p99` is a metric of the monitor `detections`; without a monitor, a requirement
+applies to every monitor. `<process>` is any process of the plan. Other percentiles can be named,
+too: `p42`, `p99_5` for 99.5 %.
 
-- *n* counts the outputs of one segment, *t* are their arrival times in ascending order.
-- *Expected* outputs are one for each step, or as many as `ratio` says; *answered* ones arrived.
+- *n* is the number of outputs of a segment, *t* are their arrival times in ascending order.
+- A step has one *expected* output, or as many as `ratio` says; *answered* outputs arrived.
 - A percentile pQ is the k-th of the n values in ascending order, k = ceil(Q/100 · n).
 - Percentiles are judged by the exact binomial test, means by Student's t, `min` and `max` by
   observation; other [tests](verdicts.md#which-test-decides-which-requirement) are named.
-- `latency.{mean,p99}` stands for `latency.mean` and `latency.p99`; in brackets is the unit that
-  `result.json` has. Metrics exist in all modes of playback, unless their section says otherwise.
+- `latency.{mean,p99}` means `latency.mean` and `latency.p99`, with their unit in `result.json`.
 - Metrics of `<node>`, `<topic>` and `path` need `benchmark: {anatomy: true}`.
 """
 

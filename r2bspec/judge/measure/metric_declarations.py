@@ -59,8 +59,8 @@ _ONE: Final = ("",)
 def throughput(seen: MonitorSamples) -> dict[str, float]:
     """The outputs of a monitor per window of time, each expected output counted once. The window w
     is the time in which the expected outputs are due: their number times the period p, or the
-    played time where outputs have none. Times count from the publication of the first step plus
-    the shortest latency. A graph that answers all steps within w has the offered rate; a slower one
+    played time where outputs have none. It begins with the publication of the first step plus the
+    shortest latency. A graph that answers all steps within w has the offered rate; a slower graph
     extends the time.
 
     n / w if t_n ≤ w, or else the maximum over k of k / max(w, t_k + p); n outputs, output k of them
@@ -90,9 +90,9 @@ def throughput(seen: MonitorSamples) -> dict[str, float]:
 )
 def latency(seen: MonitorSamples) -> Seconds:
     """The time from the publication of a step, when the publishing of its first input begins, to
-    the arrival of its output in the middleware. If several steps lead to one output, the last one
+    the arrival of its output in the middleware. If several steps lead to an output, the last step
     counts. In a live graph, the time from the header stamp. A requirement on a percentile or the
-    maximum counts a missed output as the latest.
+    maximum counts a missed output as the slowest.
 
     received − published, for each expected output
     """
@@ -115,7 +115,7 @@ def latency(seen: MonitorSamples) -> Seconds:
     section_parts=(TAIL_PERCENTILE,),
 )
 def latency_from_due(seen: MonitorSamples) -> Seconds:
-    """As latency, but from the time at which the publication was due: a delay of the player counts.
+    """As latency, but from the time at which the publication was due, with the delay of the player.
 
     received − due, for each expected output
     """
@@ -142,8 +142,8 @@ def latency_from_due(seen: MonitorSamples) -> Seconds:
 )
 def age(seen: MonitorSamples) -> Seconds:
     """The time from the publication of the newest input in an output, by its stamp, to the arrival
-    of the output. Each output counts, also one that repeats a stamp. It is for outputs that answer
-    no input, with 'match: own_pace'. In a live graph, the time from the header stamp.
+    of the output. Every output counts. For outputs that answer no input ('match: own_pace'). In a
+    live graph, the time from the header stamp.
 
     received − published, for each output with the stamp of a step
     """
@@ -271,7 +271,7 @@ def received(seen: MonitorSamples) -> int:
     section="messages",
 )
 def missed(seen: MonitorSamples) -> int:
-    """Expected outputs that were not received until the drain time was over.
+    """Expected outputs that did not arrive before the drain time was over.
 
     missed = expected − answered
     """
@@ -291,7 +291,7 @@ def missed(seen: MonitorSamples) -> int:
     range_of=_ONE,
 )
 def drop_rate(seen: MonitorSamples) -> float | None:
-    """The share of the expected outputs that missed.
+    """The share of the expected outputs that did not arrive.
 
     missed / expected
     """
@@ -324,7 +324,7 @@ def late(seen: MonitorSamples) -> int:
     section="messages",
 )
 def duplicates(seen: MonitorSamples) -> int:
-    """Outputs of a step that already has one.
+    """Outputs of a step that already has an output.
 
     received − answered − unmatched
     """
@@ -440,8 +440,7 @@ def playback_rate(played: PlaybackSamples) -> float:
     noun="publications",
 )
 def lateness(played: PlaybackSamples) -> Seconds:
-    """How late the player began to publish a step. A run whose player is late by too much is
-    invalid.
+    """How late the player began to publish a step.
 
     published − due, for each step
     """
@@ -511,8 +510,8 @@ def memory(used: ResourceUse) -> dict[str, float | None]:
     by_turns=True,
 )
 def cpu_of_graph(used: ResourceUse) -> dict[str, float | None]:
-    """The processor time of all processes of the graph: those of its nodes and containers, not
-    those of player and monitors, unless these share a process with nodes.
+    """The processor time of all processes of the graph, without those of player and monitors,
+    unless these share a process with nodes.
 
     as cpu.<process>, C the sum over the processes
     """
@@ -549,9 +548,9 @@ _WORK_PARTS: Final = ("mean", "p10", "p25", "p50", "p90")
 )
 def work(used: Seconds) -> Seconds:
     """The processor time that a process and its descendants use from when a step is due until the
-    next step is due. Waiting is not in it, so that other programs change it by little; what the
-    process does without messages is. The last step of an iteration has no value, nor has a process
-    of the graph with the player in it.
+    next step is due. It excludes waiting, so that other programs change it by little, and includes
+    work without messages. The last step of an iteration has no value, nor has a process of the
+    graph with the player in it.
 
     C(due of the next step) − C(due), for each step, C the processor time used
     """
