@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from r2bspec.authoring.input_roles import input_keys, input_qos, lead_of
 from r2bspec.bags.message_types import begins_with_header
+from r2bspec.bags.offered_qos import offered_profile
+from r2bspec.bags.recorded_times import TopicTimes, read_times
 from r2bspec.bags.recording import BagIndex, TimeWindow, TopicInfo
 from r2bspec.interop.spec_text import Block, document, identifier, unique_name
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
@@ -28,7 +32,7 @@ from r2bspec.plan.wiring.wiring import PhaseWiring
 _COMMON = frozenset({"/rosout", "/parameter_events", "/tf", "/tf_static", "/clock"})
 _TRANSFORMS = {"/tf": "publish_tf", "/tf_static": "publish_tf_static"}
 """The keys with which recorded transforms are published."""
-_LONGEST_WINDOW_S = 10
+_LONGEST_WINDOW_NS = 10_000_000_000
 _MOST_MONITORS = 10
 _MOST_FIELDS = 8
 _ITERATIONS = 10
@@ -39,9 +43,6 @@ _LOST_PERCENT = (1, 5, 10)
 _LOADED = "recorded"
 _OFFERED = r"^(?!lifecycle_msgs/)\w+/(srv|action)/\w+$"
 """Types of services and actions that are a node's own."""
-_SAME_RATE = 1.2
-"""Inputs whose rates differ by more than this factor are played at their recorded times."""
-
 UNKNOWN_OUTPUTS = "what the nodes publish"
 """How a spec says that it does not know the outputs."""
 
@@ -83,11 +84,30 @@ class DraftRecording:
         written: how the spec names it.
         index: of the recording, or of its larger part if it has a gap.
         window: that part; None without a gap.
+        path: where it is; None for a dataset that is not made yet.
     """
 
     written: str
     index: BagIndex
     window: TimeWindow | None = None
+    path: Path | None = None
+
+    @property
+    def used(self) -> TimeWindow:
+        """The part that a spec uses."""
+        start_ns = self.window.start_ns if self.window else 0
+        if self.index.duration_ns > _LONGEST_WINDOW_NS:
+            return TimeWindow(start_ns=start_ns, end_ns=start_ns + _LONGEST_WINDOW_NS)
+        return self.window or TimeWindow()
+
+    def times(self, topics: Mapping[str, TopicInfo]) -> dict[str, TopicTimes]:
+        """Return the times of the used messages with a header, by the names of the inputs."""
+        if self.path is None:
+            return {}
+        names = {info.name for info in topics.values()}
+        # The index of one part has its own beginning; windows are of the whole recording.
+        times = read_times(self.path, self.index, names, self.used) or {}
+        return {name: times[info.name] for name, info in topics.items() if info.name in times}
 
 
 @dataclass(slots=True)
@@ -98,6 +118,8 @@ class _Draft:
         namespace: of the benchmark, absolute and without a slash at its end.
         inputs: topics of the graph that are played, with the recorded topic of each.
         outputs: topics to monitor, with their types.
+        lead: the input that makes the steps; empty without inputs.
+        keys: of each input, how it is played.
         transforms: recorded topics of transforms that are published.
         calls: entries of ``playback.calls``: the services and actions of nodes without outputs.
         measured: what is known of the nodes.
@@ -108,6 +130,8 @@ class _Draft:
     recording: DraftRecording | None
     base_dir: Path
     inputs: dict[str, TopicInfo] = field(default_factory=dict)
+    lead: str = ""
+    keys: dict[str, dict[str, object]] = field(default_factory=dict)
     outputs: dict[str, str] = field(default_factory=dict)
     transforms: list[str] = field(default_factory=list)
     calls: Block = field(default_factory=Block)
@@ -125,6 +149,7 @@ class _Draft:
         self.unknown += self._doubts()
         if self.recording is not None:
             self._select_inputs()
+            self._select_lead()
         self._select_transforms()
         self._select_outputs()
         if self.calls and self.recording is not None and not self.inputs:
@@ -213,6 +238,24 @@ class _Draft:
             self.unknown.append(
                 "which topics the nodes subscribe to: all of the recording are inputs; remove "
                 "those that the graph publishes itself"
+            )
+
+    def _select_lead(self) -> None:
+        answered = {
+            endpoint.topic
+            for node in self.measured.nodes
+            for endpoint in self.measured.endpoints_of(node.name)
+            if endpoint.own_name in node.interface.publishing and not endpoint.is_publisher
+        }
+        self.lead = lead_of(self.inputs, answered)
+        if not self.lead or self.recording is None:
+            return
+        self.keys = input_keys(self.inputs, self.recording.times(self.inputs), self.lead)
+        others = [topic for topic, keys in self.keys.items() if keys.get("rate") == "recorded"]
+        if others and self.lead not in answered:
+            self.unknown.append(
+                f"which input the outputs answer: {self.lead} makes the steps here, and "
+                f"{' and '.join(others)} are played between them"
             )
 
     def _match_by_type(self, topic: str, kind: str, recorded: list[TopicInfo]) -> None:
@@ -365,31 +408,24 @@ class _Draft:
     def _data_loader(self, recording: DraftRecording) -> Block:
         block = Block.of({"bag": recording.written})
         seconds = recording.index.duration_ns / 1e9
-        start = Duration(recording.window.start_ns if recording.window else 0)
         above = ["Most of the recording lies on this side of a gap."] if recording.window else []
-        if seconds > _LONGEST_WINDOW_S:
+        used = recording.used
+        if used.end_ns is not None and recording.index.duration_ns > _LONGEST_WINDOW_NS:
             above += [f"The recording has {seconds:.1f} s; messages of the window are in memory."]
-            end = Duration(start.ns + _LONGEST_WINDOW_S * 1_000_000_000)
-            block.add("window", {"start": str(start), "end": str(end)}, above)
-        elif recording.window is not None:
-            end_ns = recording.window.end_ns
-            end_of = {} if end_ns is None else {"end": str(Duration(end_ns))}
-            block.add("window", {"start": str(start), **end_of}, above)
+        if used != TimeWindow():
+            end_of = {} if used.end_ns is None else {"end": str(Duration(used.end_ns))}
+            block.add("window", {"start": str(Duration(used.start_ns)), **end_of}, above)
         topics = Block()
         for each in dict.fromkeys(self.inputs.values()):
             topics.add(f"/{each.name.lstrip('/')}", _loaded(each), after=_described(each))
-        used = {input_.name for input_ in self.inputs.values()}
-        used |= {name for topic in self.transforms for name in (topic, topic.lstrip("/"))}
-        others = [topic for topic in recording.index.topics.values() if topic.name not in used]
+        loaded = {input_.name for input_ in self.inputs.values()}
+        loaded |= {name for topic in self.transforms for name in (topic, topic.lstrip("/"))}
+        others = [topic for topic in recording.index.topics.values() if topic.name not in loaded]
         above = ["Also recorded:", *(f"  {other.name} ({other.type})" for other in others)]
         block.add("topics", topics, above if others else [])
         for topic in self.transforms:
             block.add(_TRANSFORMS[topic], True, after="a node reads them")
         return block
-
-    def _is_timeline(self) -> bool:
-        rates = [input_.rate_hz for input_ in self.inputs.values()]
-        return bool(rates) and (min(rates) <= 0 or max(rates) > _SAME_RATE * min(rates))
 
     def _playback(self) -> Block:
         block = Block.of({"calls": self.calls})
@@ -398,26 +434,34 @@ class _Draft:
         if self.recording is None:
             above = ["Without a recording, the graph has a source of its own (or use --from-bag)."]
             block.add("mode", "live", above)
-        elif self._is_timeline():
-            block.add("mode", "timeline", ["The inputs have rates of their own."])
-        inputs = {
-            self._own(topic): {"from": _loaded(recorded), "format": recorded.type}
-            for topic, recorded in self.inputs.items()
-        }
-        block.add("inputs", Block.of(inputs))
+        inputs = Block()
+        for topic, recorded in self.inputs.items():
+            entry = {"from": _loaded(recorded), "format": recorded.type}
+            keys = self.keys[topic]
+            # What is published once is reliable and transient local in any case.
+            profile = {} if keys.get("rate") == "once" else self._profile(topic, recorded)
+            inputs.add(self._own(topic), {**entry, **({"qos": profile} if profile else {}), **keys})
+        block.add("inputs", inputs)
         return block
 
+    def _profile(self, topic: str, recorded: TopicInfo) -> dict[str, object]:
+        """Return what of the quality of service of an input is no default."""
+        asked = [end.qos for end in self.measured.subscriptions(topic) if end.qos is not None]
+        offered = offered_profile(recorded.qos)
+        written = input_qos(offered, asked)
+        if offered is not None and offered.reliability != written.get("reliability", "reliable"):
+            self.unknown.append(
+                f"why {topic} was recorded as {offered.reliability}: a node requests it reliable"
+            )
+        return written
+
     def _rate_hz(self) -> float:
-        rates = [input_.rate_hz for input_ in self.inputs.values() if input_.rate_hz > 0]
-        return float(f"{min(rates):.3g}") if rates else 10.0
+        rate_hz = self.inputs[self.lead].rate_hz if self.lead else 0.0
+        return float(f"{rate_hz:.3g}") if rate_hz > 0 else 10.0
 
-    def _effort(self) -> tuple[float, int | None]:
-        """The seconds of an iteration, and the lost messages in percent that a run can confirm.
-
-        None where no share can be confirmed: the messages of a timeline are too few.
-        """
+    def _effort(self) -> tuple[float, int]:
+        """The seconds of an iteration, and the lost messages in percent that a run can confirm."""
         rate_hz = self._rate_hz()
-        longest = self._window_s() if self._is_timeline() else _LONGEST_ITERATION_S
         seconds = _SHORTEST_ITERATION_S
         looks = InterimLooks.planned(_ITERATIONS, default_starts(_ITERATIONS))
         confidence = looks.confidence_at(len(looks))
@@ -426,19 +470,14 @@ class _Draft:
             # Whole messages in each iteration, in steps of half a second.
             in_each = math.ceil(needed / _ITERATIONS)
             seconds = max(_SHORTEST_ITERATION_S, math.ceil(2 * in_each / rate_hz) / 2)
-            if seconds <= longest:
+            if seconds <= _LONGEST_ITERATION_S:
                 return seconds, percent
-        return (seconds, None) if self._is_timeline() else (seconds, _LOST_PERCENT[-1])
-
-    def _window_s(self) -> float:
-        recorded = self.recording.index.duration_ns / 1e9 if self.recording is not None else 0.0
-        return min(recorded, _LONGEST_WINDOW_S)
+        return seconds, _LOST_PERCENT[-1]
 
     def _benchmark(self) -> Block:
         block = Block()
-        has_load = self.recording is not None or bool(self.calls)
-        has_rate = has_load and not self._is_timeline()
-        seconds, percent = self._effort() if has_rate else (_SHORTEST_ITERATION_S, None)
+        has_rate = self.recording is not None or bool(self.calls)
+        seconds, percent = self._effort() if has_rate else (_SHORTEST_ITERATION_S, 0)
         is_long = seconds > _SHORTEST_ITERATION_S
         above = [f"Long enough to confirm that at most {percent} % are lost."] if is_long else []
         block.add("duration", f"{seconds:g} s", above)
@@ -452,9 +491,9 @@ class _Draft:
     def _objectives(self, monitors: list[str]) -> Block | None:
         _, percent = self._effort()
         has_load = self.recording is not None or self.calls
-        if not has_load or percent is None or "/rosout" in self.outputs:
+        if not has_load or "/rosout" in self.outputs:
             return None
-        rate = None if self._is_timeline() else f"{self._rate_hz():g} Hz"
+        rate = f"{self._rate_hz():g} Hz"
         # Of several outputs the first: the others may not answer each input.
         calls = [entry.key for entry in self.calls.entries]
         named = calls or (monitors[:1] if len(monitors) > 1 else [])
@@ -462,7 +501,7 @@ class _Draft:
         requirements = [f"{prefix}{required}" for prefix in [f"{name}." for name in named] or [""]]
         objective = Block.of({"at": rate})
         above = []
-        if rate is not None and not calls:
+        if not calls:
             above = ["'r2bspec gate' also judges: work.graph.p50 <= 105 % of baseline"]
         objective.add("require", requirements, above)
         return Block.of({"keeps_up": objective})

@@ -227,8 +227,8 @@ def _recording(bag: str, folder: Path) -> DraftRecording:
     found = index(location)
     parts = find_parts(location.path, found) if location.path is not None else None
     if parts is not None:
-        return DraftRecording(written, parts.larger, parts.window)
-    return DraftRecording(written, found)
+        return DraftRecording(written, parts.larger, parts.window, location.path)
+    return DraftRecording(written, found, path=location.path)
 
 
 class NoGraphError(R2bspecError):

@@ -11,7 +11,7 @@ from typing import Literal, cast
 from msgspec.structs import replace
 
 from r2bspec.bags import recording
-from r2bspec.bags.metadata import BagMetadata, read_metadata
+from r2bspec.bags.metadata import METADATA_NAME, BagMetadata, read_metadata, storage_of
 from r2bspec.bags.storage.storage import open_storages, storage_errors, storage_paths
 
 _HINTS = {
@@ -51,6 +51,10 @@ def index_bag(path: Path) -> recording.BagIndex:
 
 
 def _index_folder(path: Path) -> recording.BagIndex:
+    files = _files_without_metadata(path)
+    if files:
+        paths = storage_paths(path, files)
+        return _index(path.resolve(), storage_of(files), _stored_topics(paths), files)
     metadata = read_metadata(path)
     if metadata.storage not in recording.SUFFIXES:
         raise recording.DataError(
@@ -66,7 +70,8 @@ def _index_folder(path: Path) -> recording.BagIndex:
     else:
         profiles = {topic.name: topic.qos for topic in metadata.topics}
         topics = [
-            replace(topic, qos=profiles.get(topic.name, "")) for topic in _stored_topics(paths)
+            replace(topic, qos=profiles.get(topic.name) or topic.qos)
+            for topic in _stored_topics(paths)
         ]
         _check_metadata(path, metadata, topics)
     index = _index(path.resolve(), metadata.storage, topics, metadata.files)
@@ -81,6 +86,14 @@ def _index_folder(path: Path) -> recording.BagIndex:
         )
     record = recording.read_provenance(path)
     return index if record is None else record.complete_index(index)
+
+
+def _files_without_metadata(path: Path) -> tuple[str, ...]:
+    """Return the storage files of a recorder that was killed before it wrote metadata.yaml."""
+    if (path / METADATA_NAME).exists() or (path / recording.RECORD_NAME).exists():
+        return ()
+    suffixes = recording.SUFFIXES.values()
+    return tuple(sorted(file.name for file in path.iterdir() if file.suffix in suffixes))
 
 
 def _index(

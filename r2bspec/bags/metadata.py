@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path, PurePath
 from typing import Any
 
 import msgspec
 import yaml
 
-from r2bspec.bags.recording import SUFFIXES_TEXT, DataError, TopicInfo, error_hint, error_text
+from r2bspec.bags.recording import (
+    SUFFIXES,
+    SUFFIXES_TEXT,
+    DataError,
+    TopicInfo,
+    error_hint,
+    error_text,
+)
 from r2bspec.safe_io import limits
 from r2bspec.safe_io.safe_file import open_regular, read_text
 from r2bspec.safe_io.safe_yaml import load_texts
@@ -109,10 +117,12 @@ def _from_document(info: Any) -> BagMetadata:
     if version > _MAX_VERSION:
         raise ValueError(f"its version is {version}, the newest supported one is {_MAX_VERSION}")
     compression_mode = info.get("compression_mode", "").lower()
+    # Early versions included the name of the folder.
+    files = tuple(PurePath(name).name for name in info["relative_file_paths"] or ())
     metadata = BagMetadata(
-        storage=info["storage_identifier"],
-        # Early versions included the name of the folder.
-        files=tuple(PurePath(name).name for name in info["relative_file_paths"] or ()),
+        # Some recorders leave it empty, or out.
+        storage=info.get("storage_identifier") or storage_of(files),
+        files=files,
         start_ns=_int(info["starting_time"]["nanoseconds_since_epoch"]),
         duration_ns=_int(info["duration"]["nanoseconds"]),
         topics=tuple(_topic(entry) for entry in info["topics_with_message_count"] or ()),
@@ -124,6 +134,13 @@ def _from_document(info: Any) -> BagMetadata:
     )
     # A name may be a list.
     return msgspec.convert(msgspec.to_builtins(metadata), BagMetadata)
+
+
+def storage_of(files: Iterable[str]) -> str:
+    """Return the storage format of files by their names; empty if no name tells it."""
+    suffixes = {suffix: storage for storage, suffix in SUFFIXES.items()}
+    names = [PurePath(name.removesuffix(".zstd")) for name in files]
+    return next((suffixes[name.suffix] for name in names if name.suffix in suffixes), "")
 
 
 def _int(text: str) -> int:

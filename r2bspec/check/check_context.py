@@ -55,6 +55,7 @@ from r2bspec.safe_io.private_files import private_files
 from r2bspec.safe_io.safe_json import read_json
 
 if TYPE_CHECKING:
+    from r2bspec.bags.recorded_times import TopicTimes
     from r2bspec.language.load_spec import LoadedSpec
 
 
@@ -285,6 +286,17 @@ class Context:
         installed = package_version(node.node.package)
         return (origin.version, installed) if installed not in {"", origin.version} else None
 
+    @cached_property
+    def window_times(self) -> dict[str, TopicTimes] | None:
+        """The times of loaded messages with a header in the window; None if they are not read."""
+        from r2bspec.bags.bag_reader import may_be_read
+        from r2bspec.bags.recorded_times import read_times
+
+        path = self.bag_location.path if self.bag_location is not None else None
+        if self.bag is None or path is None or not may_be_read(path):
+            return None
+        return read_times(path, self.bag, self.spec.data_loader.topics, _window(self))
+
     @property
     def nodes(self) -> Iterator[tuple[str, NodeWiring]]:
         """Every node with the name of its phase."""
@@ -447,32 +459,6 @@ def _count_by_reading(context: Context, topic: str) -> MessageCount:
     return MessageCount(counted, exact=counted < _MIN_ESTIMATED_MESSAGES)
 
 
-class WindowTimes(NamedTuple):
-    """The messages of a topic in the window: times of recording and header stamps, in ns."""
-
-    recorded_ns: list[int]
-    stamps_ns: list[int]
-
-
-def window_times(context: Context, topics: set[str]) -> dict[str, WindowTimes] | None:
-    """Return the times of the messages in the window by bag topic; None if they are not read."""
-    from r2bspec.ipc.buffers import STAMP_BYTES, read_stamp
-
-    by_name = {topic.lstrip("/"): topic for topic in topics}
-
-    def read(messages: Iterator[RecordedMessage]) -> dict[str, WindowTimes] | None:
-        times = {topic: WindowTimes([], []) for topic in topics}
-        for message in messages:
-            if len(message.data) < STAMP_BYTES:
-                return None
-            topic = times[by_name[message.topic.lstrip("/")]]
-            topic.recorded_ns.append(message.time_ns)
-            topic.stamps_ns.append(read_stamp(message.data))
-        return times
-
-    return _in_window(context, topics, read) if _is_small(context) else None
-
-
 def has_recorded_requests(context: Context, topic: str) -> bool | None:
     """Whether the events of a service have requests in the window; None if they are not read."""
     return _in_window(
@@ -498,17 +484,12 @@ def _in_window(
     path = context.bag_location.path if context.bag_location is not None else None
     if path is None:
         return None
-    window = context.spec.data_loader.window
-    part = TimeWindow(start_ns=window.start.ns, end_ns=window.end.ns if window.end else None)
     try:
-        return read(read_messages(path, topics, part))
+        return read(read_messages(path, topics, _window(context)))
     except DataError:
         return None
 
 
-def _is_small(context: Context) -> bool:
-    """Whether all messages of the bag may be read."""
-    from r2bspec.bags.bag_reader import may_be_read
-
-    path = context.bag_location.path if context.bag_location is not None else None
-    return context.bag is not None and path is not None and may_be_read(path)
+def _window(context: Context) -> TimeWindow:
+    window = context.spec.data_loader.window
+    return TimeWindow(start_ns=window.start.ns, end_ns=window.end.ns if window.end else None)

@@ -147,7 +147,6 @@ def info(bag: str, output_format: str) -> None:
     The sha256 of a bag on disk can be pinned in a spec; 'data make' prints that of a synthetic one.
     """
     from r2bspec.bags.integrity import hash_files
-    from r2bspec.bags.recorded_parts import find_parts
     from r2bspec.datasets.catalogue import index, locate
 
     location = locate(bag, Path.cwd())
@@ -157,10 +156,28 @@ def info(bag: str, output_format: str) -> None:
         echo_json({**msgspec.to_builtins(result), "sha256": digest})
     else:
         _print_index(result, _origin(location), digest)
-        parts = find_parts(location.path, result) if location.path is not None else None
-        if parts is not None:
-            echo()
-            echo(f"It has {parts.text}: use '{parts.window_text}'.")
+        facts = [*_facts(location.path, result)] if location.path is not None else []
+        for line in ["", *facts] if facts else []:
+            echo(line)
+
+
+def _facts(path: Path, index: BagIndex) -> Iterator[str]:
+    """Return what is unusual in a recording: profiles, and in a small one times and stamps."""
+    from r2bspec.bags.bag_reader import may_be_read
+    from r2bspec.bags.offered_qos import offered_profile
+    from r2bspec.bags.recorded_parts import find_parts
+    from r2bspec.bags.recorded_times import read_times
+
+    if (parts := find_parts(path, index)) is not None:
+        yield f"It has {parts.text}: use '{parts.window_text}'."
+    times = read_times(path, index, index.topics) if may_be_read(path) else None
+    for topic, found in (times or {}).items():
+        if found.clock_text:
+            yield f"{printable(topic)} {found.clock_text}."
+    for topic, info in index.topics.items():
+        offered = offered_profile(info.qos)
+        if offered is not None and (words := offered.words()):
+            yield f"{printable(topic)} was offered with {', '.join(words)}."
 
 
 @command.command(epilog=f"Exit status {ExitStatus.FINDINGS_OR_FAILED} if something is wrong.")

@@ -320,7 +320,8 @@ class _Run:
             ]
             self._datasets = tuple(dataset.provenance for dataset in datasets)
             bags = [dataset.path for dataset in datasets]
-            counts = buffer_bags(bags, sources, context.buffer_dir, context.progress)
+            latched = [each.source for each in plan.latched_inputs]
+            counts = buffer_bags(bags, sources, context.buffer_dir, context.progress, latched)
         context.note(", ".join(f"{topic}: {count} messages" for topic, count in counts.items()))
         self._interrupts.check()
 

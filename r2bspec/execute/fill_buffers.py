@@ -10,10 +10,11 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import heapq
-from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter, deque
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from operator import itemgetter
+from itertools import islice
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -42,8 +43,11 @@ from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import RunContext
 from r2bspec.execute.states import Progress
 from r2bspec.ipc import buffers, protocol
+from r2bspec.ipc.protocol import STATIC
 from r2bspec.plan.command_lines import NATIVE_ARGV
 from r2bspec.plan.plan import DatasetPlan, Plan, ProcessPlan
+
+_TIME_NS: Final = attrgetter("time_ns")
 
 
 @dataclass(frozen=True)
@@ -85,14 +89,20 @@ def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> Res
 
 
 def buffer_bags(
-    bags: Sequence[Path], datasets: Sequence[DatasetPlan], folder: Path, progress: Progress
+    bags: Sequence[Path],
+    datasets: Sequence[DatasetPlan],
+    folder: Path,
+    progress: Progress,
+    latched: Collection[str] = (),
 ) -> dict[str, int]:
     """Write a buffer for every topic of the plan, under its name in the graph.
 
     Messages of one topic may be in several bags; they are buffered in the order of their
     recording. Memory is bounded by a few messages of each bag. Windows are relative to the first
     message of all bags. If transforms are requested, /tf is buffered like other topics, and the
-    complete /tf_static, regardless of the window, as one message.
+    complete /tf_static, regardless of the window, as one message. Of a `latched` topic of the graph
+    it is what a subscription gets that comes at the start of the window: the last message before
+    it, or else the first one in it.
 
     Returns:
         The number of messages of each topic of the graph.
@@ -102,14 +112,18 @@ def buffer_bags(
         OSError: the disk is full.
     """
     types = {
-        data_topic.topic: data_topic.type for dataset in datasets for data_topic in dataset.topics
+        data_topic.topic: data_topic.type
+        for dataset in datasets
+        for data_topic in dataset.topics
+        if data_topic.topic not in latched
     }
     if any(dataset.publish_tf for dataset in datasets):
         types[buffers.TF] = buffers.TF_TYPE
     stamped = {topic: begins_with_header(type_name) for topic, type_name in types.items()}
+    windows = _windows(bags, datasets)
     streams = [
-        _read_bag(dataset, bag, window)
-        for bag, dataset, window in zip(bags, datasets, _windows(bags, datasets), strict=True)
+        _read_bag(dataset, bag, window, types.keys())
+        for bag, dataset, window in zip(bags, datasets, windows, strict=True)
     ]
     expected = sum(data_topic.count for dataset in datasets for data_topic in dataset.topics)
     writers: dict[str, buffers.BufferWriter] = {}
@@ -127,20 +141,46 @@ def buffer_bags(
                 progress.step(done, max(expected, done))
     counts = {topic: len(writer) for topic, writer in writers.items()}
     for event in (each for dataset in datasets for each in dataset.topics):
-        if event.bag_topic.endswith(SERVICE_EVENT) and not counts[event.topic]:
+        if event.bag_topic.endswith(SERVICE_EVENT) and not counts.get(event.topic):
             said, hint = NO_REQUESTS
             raise DataError(f"{event.bag_topic} {said}", code="R2B242", hint=hint)
+    for topic in latched:
+        counts |= _buffer_latched(topic, bags, datasets, windows, folder)
     return counts | _buffer_static(bags, datasets, folder)
 
 
+def _buffer_latched(
+    topic: str,
+    bags: Sequence[Path],
+    datasets: Sequence[DatasetPlan],
+    windows: Sequence[TimeWindow],
+    folder: Path,
+) -> dict[str, int]:
+    """Buffer what a subscription to a latched topic gets at the start of the window."""
+    before: list[RecordedMessage] = []
+    inside: list[RecordedMessage] = []
+    for bag, dataset, window in zip(bags, datasets, windows, strict=True):
+        names = [each.bag_topic for each in dataset.topics if each.topic == topic]
+        if window.start_ns:
+            earlier = TimeWindow(end_ns=window.start_ns)
+            before += deque(read_messages(bag, names, earlier), maxlen=1)
+        inside += islice(read_messages(bag, names, window), 1)
+    kinds = [each.type for dataset in datasets for each in dataset.topics if each.topic == topic]
+    writer = buffers.BufferWriter(folder, topic, kinds[0], has_header=False)
+    for message in sorted(before, key=_TIME_NS)[-1:] or sorted(inside, key=_TIME_NS)[:1]:
+        writer.append(message.time_ns, message.data)
+    writer.close()
+    return {topic: len(writer)}
+
+
 def _read_bag(
-    dataset: DatasetPlan, bag: Path, window: TimeWindow
+    dataset: DatasetPlan, bag: Path, window: TimeWindow, wanted: Collection[str]
 ) -> Iterator[tuple[int, str, RecordedMessage]]:
     """The messages of a bag that are read, each after its time and its topic in the graph.
 
     Of the events of a service, these are the requests of one side.
     """
-    targets = {topic.bag_topic: topic.topic for topic in dataset.topics}
+    targets = {topic.bag_topic: topic.topic for topic in dataset.topics if topic.topic in wanted}
     if dataset.publish_tf and index_bag(bag).find(buffers.TF) is not None:
         targets[buffers.TF] = buffers.TF
     by_name = {name.lstrip("/"): topic for name, topic in targets.items()}
@@ -171,7 +211,7 @@ def _buffer_static(
     ]
     if not messages:
         return {}
-    messages.sort(key=lambda each: each.time_ns)
+    messages.sort(key=_TIME_NS)
     writer = buffers.BufferWriter(folder, buffers.TF_STATIC, buffers.TF_TYPE, has_header=False)
     writer.append(messages[0].time_ns, merge_static([message.data for message in messages]))
     writer.close()
@@ -254,7 +294,7 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
             buffer_dir=str(buffer_dir),
             buffer_only=tuple(sorted(played - sources.keys())),
             retime=plan.timeline is not None and plan.timeline.recorded,
-            static=buffers.TF_STATIC in transforms,
+            latched=(STATIC,) if buffers.TF_STATIC in transforms else (),
             clock=plan.clock,
         ),
     )
@@ -310,6 +350,7 @@ def played_digest(plan: Plan, folder: Path) -> str:
     whole = hashlib.sha256()
     sources = {input_.source for input_ in plan.inputs}
     sources |= {call.source for call in plan.called.values() if call.source}
+    sources |= {latched.source for latched in plan.latched_inputs}
     for topic in sorted(sources):
         index = buffers.read_index(folder, topic)
         whole.update(msgspec.json.encode((topic, index.sizes)))

@@ -32,6 +32,8 @@ _QUIET_PERIOD_S = 1.5
 
 _POLL_S = 0.1
 _CALL_S = 10.0
+_NO_DEADLINE_NS = 9_000_000_000_000_000_000
+"""Discovery shows that there is none as a time above this."""
 
 _COMMON_SERVICES = (
     "describe_parameters",
@@ -169,10 +171,15 @@ class Inspector:
 
 def _profile(qos: Any) -> dict[str, str]:
     """The fields of a profile that discovery shows, which do not include the depth."""
-    return {
+    shown = {
         "reliability": "best_effort" if qos.reliability.name == "BEST_EFFORT" else "reliable",
         "durability": "transient_local" if qos.durability.name == "TRANSIENT_LOCAL" else "volatile",
     }
+    if qos.deadline.nanoseconds < _NO_DEADLINE_NS:
+        shown["deadline"] = f"{qos.deadline.nanoseconds} ns"
+    if qos.liveliness.name == "MANUAL_BY_TOPIC":
+        shown["liveliness"] = "manual_by_topic"
+    return shown
 
 
 def _default_value(value: Any) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.observer import GraphParticipant
 from r2bspec.ipc import buffers, protocol
-from r2bspec.ipc.buffers import TF, TF_QOS, TF_STATIC, read_stamp
+from r2bspec.ipc.buffers import TF, TF_QOS, read_stamp
 from r2bspec.language.spec import QoS
 
 _MIN_TIMEOUT_NS = 20_000_000
@@ -136,8 +136,7 @@ class Loader(GraphParticipant):
     def __init__(self, channel: Channel, settings: protocol.ConfigureLoader) -> None:
         self._settings = settings
         self._folder = Path(settings.buffer_dir)
-        static_dir = self._folder if settings.static else None
-        super().__init__(channel, "loader", static_dir, clock=settings.clock)
+        super().__init__(channel, "loader", self._folder, settings.latched, clock=settings.clock)
         self._loop = rclpy_tools.WaitLoop(self._node)
         self._publishers = {
             topic: rclpy_tools.RawPublisher(
@@ -180,7 +179,7 @@ class Loader(GraphParticipant):
 
     def _matches(self) -> dict[str, int]:
         counts = {topic: publisher.matches() for topic, publisher in self._publishers.items()}
-        counts |= {TF_STATIC: self._static_publisher.matches()} if self._static_publisher else {}
+        counts |= self._latched_matches()
         counts |= dict.fromkeys(self._waiting, 0)
         counts |= {recorder.topic: recorder.subscription.matches() for recorder in self._recorders}
         return counts
@@ -199,8 +198,7 @@ class Loader(GraphParticipant):
         published = dict.fromkeys(self._publishers, 0)
         turns_ns: dict[str, dict[int, int]] = {data_source.topic: {} for data_source in sources}
         in_flight: dict[int, None] = {}
-        if self._static_publisher is not None:
-            self._static_publisher.wait_for_acknowledgements()
+        self._await_latched()
         timeout = AdaptiveTimeout(max_output_gap_ns)
         begin_ns = time.monotonic_ns()
         for known_source in sources:

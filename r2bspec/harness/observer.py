@@ -32,11 +32,11 @@ from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.rclpy_tools import ask_services, interface_class, spin_until
 from r2bspec.ipc import buffers, protocol
-from r2bspec.ipc.buffers import TF_STATIC, TF_TYPE
 from r2bspec.ipc.process_cleanup import carries_run_id
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE, ForeignPublisher
 from r2bspec.language.spec import QoS
 from r2bspec.middleware.middleware import PROC, middleware_of
+from r2bspec.plan.plan import InputPlan
 
 _CHANGE, _CHANGE_TYPE = "/change_state", "lifecycle_msgs/srv/ChangeState"
 _TRANSITION_IDS: Final = {"configure": 1, "activate": 3}
@@ -315,7 +315,6 @@ CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
 
 _PERIOD_S = 0.01
 _CLOCK_QOS = QoS(depth=1)
-_STATIC_QOS = QoS(durability="transient_local", depth=1)
 
 
 def clock_message(time_ns: int) -> bytes:
@@ -361,23 +360,33 @@ class GraphParticipant:
     Args:
         channel: of the controller.
         name: of its node.
-        static_dir: has the buffer of /tf_static; None without one.
+        buffer_dir: has the buffers of `latched`.
+        latched: topics of which one message is published, for late subscriptions, too.
         clock: whether the system time is published on /clock.
     """
 
     def __init__(
-        self, channel: Channel, name: str, static_dir: Path | None, *, clock: bool
+        self,
+        channel: Channel,
+        name: str,
+        buffer_dir: Path,
+        latched: tuple[InputPlan, ...],
+        *,
+        clock: bool,
     ) -> None:
         self._channel = channel
         self._node = rclpy_tools.start_node(name)
         # Before anything else, so that all nodes, which are started later, receive them.
         self._clock = ClockPublisher(self._node) if clock else None
-        self._static_publisher: rclpy_tools.RawPublisher | None = None
-        if static_dir is not None:
-            # Transient local, so that late subscriptions receive them.
-            qos = rclpy_tools.profile(_STATIC_QOS)
-            self._static_publisher = rclpy_tools.RawPublisher(self._node, TF_STATIC, TF_TYPE, qos)
-            self._static_publisher.publish(buffers.read_messages(static_dir, TF_STATIC, {0})[0])
+        self._latched = {
+            each.topic: rclpy_tools.RawPublisher(
+                self._node, each.topic, each.type, rclpy_tools.profile(each.qos)
+            )
+            for each in latched
+        }
+        for each in latched:
+            message = buffers.read_messages(buffer_dir, each.source, {0})[0]
+            self._latched[each.topic].publish(message)
 
     def serve(self) -> None:
         """Answer commands until told to shut down."""
@@ -389,6 +398,13 @@ class GraphParticipant:
 
     def _serve(self) -> None:
         raise NotImplementedError
+
+    def _await_latched(self) -> None:
+        for publisher in self._latched.values():
+            publisher.wait_for_acknowledgements()
+
+    def _latched_matches(self) -> dict[str, int]:
+        return {topic: publisher.matches() for topic, publisher in self._latched.items()}
 
     def _is_interrupted(self) -> bool:
         """Whether a command has arrived: during an answer, this can only be the shutdown."""
@@ -415,8 +431,8 @@ class Observer(GraphParticipant):
     """Answers questions about nodes, topics and publishers."""
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureObserver) -> None:
-        static_dir = Path(settings.static_dir) if settings.static_dir else None
-        super().__init__(channel, "observer", static_dir, clock=settings.clock)
+        folder = Path(settings.buffer_dir)
+        super().__init__(channel, "observer", folder, settings.latched, clock=settings.clock)
         self._guard = PublisherGuard(self._node, settings.guarded)
         # Without topics to guard there is nothing to look at.
         self._period_s = LOOK_PERIOD_S if settings.guarded else None
@@ -430,9 +446,8 @@ class Observer(GraphParticipant):
             match self._channel.receive():
                 case protocol.ListForeign():
                     self._channel.send(protocol.ForeignPublishers(publishers=self._guard.foreign()))
-                case protocol.AwaitStatic():
-                    if self._static_publisher is not None:
-                        self._static_publisher.wait_for_acknowledgements()
+                case protocol.AwaitLatched():
+                    self._await_latched()
                     self._send_matches()
                 case protocol.CountMatches():
                     self._send_matches()
@@ -442,7 +457,4 @@ class Observer(GraphParticipant):
                     self._answer(command)
 
     def _send_matches(self) -> None:
-        counts = {}
-        if self._static_publisher is not None:
-            counts[TF_STATIC] = self._static_publisher.matches()
-        self._channel.send(protocol.Matched(counts=counts))
+        self._channel.send(protocol.Matched(counts=self._latched_matches()))

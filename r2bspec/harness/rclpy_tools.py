@@ -17,6 +17,7 @@ from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
+    LivelinessPolicy,
     QoSCompatibility,
     QoSProfile,
     ReliabilityPolicy,
@@ -86,11 +87,22 @@ def begins_with_header(type_name: str) -> bool:
 
 def profile(qos: QoS) -> QoSProfile:
     """The rclpy profile for a QoS of the spec."""
+    limits = {
+        "deadline": qos.deadline,
+        "lifespan": qos.lifespan,
+        "liveliness_lease_duration": qos.lease_duration,
+    }
     return QoSProfile(
         reliability=ReliabilityPolicy[qos.reliability.upper()],
         durability=DurabilityPolicy[qos.durability.upper()],
         history=HistoryPolicy[qos.history.upper()],
         depth=qos.depth,
+        liveliness=LivelinessPolicy[qos.liveliness.upper()],
+        **{
+            name: Duration(nanoseconds=limit.ns)
+            for name, limit in limits.items()
+            if limit is not None
+        },
     )
 
 

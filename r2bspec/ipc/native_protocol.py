@@ -17,8 +17,9 @@ A command is some words, each followed by a zero byte; how many come is known fr
 
 The INPUTS of a player are those of the plan, and /tf after them if it is played. A TYPE is three
 words: the library that has the type, the function in it that returns it, and its name. A QOS is
-four words: the numbers that rmw has for reliability, durability and history, and the depth. STALLS
-and ROWS are the paths of files of rows, which the monitor makes.
+eight words: the numbers that rmw has for reliability, durability and history, the depth, deadline
+and lifespan in ns, 0 for none, the number for liveliness, and its lease duration. STALLS and ROWS
+are the paths of files of rows, which the monitor makes.
 
 A reply is one line of words; the text at its end is written as it is::
 
@@ -48,6 +49,7 @@ from r2bspec.ipc import buffers, playback_file, protocol
 from r2bspec.ipc.buffers import TF, TF_QOS, TF_TYPE
 from r2bspec.ipc.sample_files import STALL_FILE
 from r2bspec.ipc.schedule import Schedule
+from r2bspec.language.quantities import Duration
 from r2bspec.language.spec import QoS
 from r2bspec.plan.package_advice import ros_package_advice
 from r2bspec.plan.plan import MonitorPlan
@@ -64,6 +66,7 @@ _SIMPLE: dict[type, str] = {
 _RELIABILITY = {"reliable": 1, "best_effort": 2}
 _DURABILITY = {"transient_local": 1, "volatile": 2}
 _HISTORY = {"keep_last": 1, "keep_all": 2}
+_LIVELINESS = {"automatic": 1, "manual_by_topic": 3}
 """As in ``rmw/types.h``."""
 
 _FULL_DISK = "Make room on that disk, or choose another folder with --output."
@@ -270,3 +273,12 @@ def _qos_words(qos: QoS) -> Iterator[str]:
     yield str(_DURABILITY[qos.durability])
     yield str(_HISTORY[qos.history])
     yield str(qos.depth)
+    yield _nanoseconds(qos.deadline)
+    yield _nanoseconds(qos.lifespan)
+    yield str(_LIVELINESS[qos.liveliness])
+    yield _nanoseconds(qos.lease_duration)
+
+
+def _nanoseconds(limit: Duration | None) -> str:
+    """Return a limit of a profile, or 0 for none."""
+    return str(limit.ns if limit is not None else 0)

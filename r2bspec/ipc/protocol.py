@@ -11,10 +11,11 @@ from __future__ import annotations
 import functools
 import operator
 from collections.abc import Iterable
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import msgspec
 
+from r2bspec.ipc.buffers import TF_STATIC, TF_TYPE
 from r2bspec.ipc.schedule import Schedule, TimelineSchedule
 from r2bspec.language.spec import QoS
 from r2bspec.plan.plan import CallPlan, InputPlan, MonitorPlan, NodePlan
@@ -40,6 +41,16 @@ class Reply(msgspec.Struct, frozen=True, kw_only=True, tag_field="type"):
     """What a child answers; the JSON key `type` names the class."""
 
 
+STATIC: Final = InputPlan(
+    topic=TF_STATIC,
+    type=TF_TYPE,
+    source=TF_STATIC,
+    bag_topic=TF_STATIC,
+    qos=QoS(durability="transient_local", depth=1),
+)
+"""All static transforms, as one message."""
+
+
 class ConfigureLoader(Command, frozen=True, kw_only=True, tag=True):
     """Be the loader: publish `sources` (topic: type), record `recorded` (topic: type).
 
@@ -48,7 +59,7 @@ class ConfigureLoader(Command, frozen=True, kw_only=True, tag=True):
     Attributes:
         buffer_only: topics that are buffered and not published. With `retime`, the times of these
             and of the sources are replaced by the times of publication.
-        static: whether the buffered /tf_static is published, latched, before anything else.
+        latched: is published from the buffers before anything else.
         clock: whether the system time is published on /clock.
     """
 
@@ -57,7 +68,7 @@ class ConfigureLoader(Command, frozen=True, kw_only=True, tag=True):
     buffer_dir: str
     buffer_only: tuple[str, ...] = ()
     retime: bool = False
-    static: bool = False
+    latched: tuple[InputPlan, ...] = ()
     clock: bool = False
 
 
@@ -111,14 +122,13 @@ class ConfigureObserver(Command, frozen=True, kw_only=True, tag=True):
 
     On the topics of `guarded`, every publisher is examined; see `ForeignPublisher`. It also
     publishes what nodes need before anything is played, and what has no due times: before it is
-    ready, it has published /tf_static, latched, and with `clock` the system time on /clock.
-
-    Attributes:
-        static_dir: has the buffer of /tf_static; empty without one.
+    ready, it has published `latched`, of each topic the message in its buffer, and with `clock` the
+    system time on /clock.
     """
 
     guarded: tuple[str, ...] = ()
-    static_dir: str = ""
+    buffer_dir: str = ""
+    latched: tuple[InputPlan, ...] = ()
     clock: bool = False
 
 
@@ -213,8 +223,8 @@ class ListModules(Command, frozen=True, kw_only=True, tag=True):
     """Ask a host for the files of the modules that its process has imported."""
 
 
-class AwaitStatic(Command, frozen=True, kw_only=True, tag=True):
-    """Wait until all matched subscriptions have received /tf_static, but not for long.
+class AwaitLatched(Command, frozen=True, kw_only=True, tag=True):
+    """Wait until all matched subscriptions have received what is latched, but not for long.
 
     The reply is `Matched`.
     """

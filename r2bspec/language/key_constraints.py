@@ -354,17 +354,21 @@ def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
 
 
 def _recorded_rates(document: _Document, mode: str) -> Iterator[Diagnostic]:
-    """Inputs with a rate of their own need steps to be played between."""
+    """Inputs with a rate of their own, and latched ones, need others that make steps."""
     section = ("playback", "inputs")
     rates = [(*path, "rate") for path, _ in document.entries(section)]
     recorded = [path for path in rates if document.word(*path) == "recorded"]
+    latched = [path for path in rates if document.word(*path) == "once"]
     if mode == "timeline":
         why = " with mode timeline, which plays every input at its recorded times"
         yield from document.without_effect(recorded, why, "remove it")
-    elif len(recorded) == len(document.keys(*section)):
-        message = "no input makes steps: all of them have 'rate: recorded'"
-        help_text = "remove it from the input whose rate is offered, or write 'mode: timeline'"
-        yield from (document.error(path, message, help_text) for path in recorded)
+        recorded = []
+    own = recorded + latched
+    if own and len(own) == len(document.keys(*section)):
+        message = "no input makes steps: all of them have a 'rate' of their own"
+        help_text = "remove it from the input whose rate is offered"
+        help_text += ", or write 'mode: timeline'" if recorded else ""
+        yield from (document.error(path, message, help_text) for path in own)
 
 
 def _translations(document: _Document) -> Iterator[Diagnostic]:

@@ -139,7 +139,8 @@ class PlaybackInput(Record, frozen=True, kw_only=True):
         timestamp: header writes the time of playing into each header; none leaves the recorded one.
         pairing: The pairing of this input, if it differs from 'playback.pairing'.
         rate: step plays one message in each step; recorded plays all messages between two steps,
-            for a faster input such as an IMU.
+            for an input of another rate; once publishes one, latched, before the first step, such
+            as a map: the last one recorded before the window, or else the first one in it.
         clock_ahead: How far the clock that stamped this input was ahead of the other clocks.
     """
 
@@ -150,7 +151,7 @@ class PlaybackInput(Record, frozen=True, kw_only=True):
     qos: QoS = QoS()
     timestamp: Literal["header", "none"] = "header"
     pairing: Pairing | None = None
-    rate: Literal["step", "recorded"] = "step"
+    rate: Literal["step", "recorded", "once"] = "step"
     clock_ahead: Annotated[Duration, key("5 s")] = Duration(0)
 
 
@@ -283,6 +284,16 @@ class Playback(Record, frozen=True, kw_only=True):
     tf: Literal["shift", "keep"] = "shift"
     pairing: Pairing = Pairing()
     clock: Annotated[bool, key(changes="graph")] = False
+
+    @property
+    def played(self) -> dict[str, PlaybackInput]:
+        """The inputs that are played in steps, or between them."""
+        return {name: each for name, each in self.inputs.items() if each.rate != "once"}
+
+    @property
+    def latched(self) -> dict[str, PlaybackInput]:
+        """The inputs of which one message is published before the first step."""
+        return {name: each for name, each in self.inputs.items() if each.rate == "once"}
 
 
 TransportKind = Literal["inherit", "shared_memory", "udp"]

@@ -168,6 +168,11 @@ class QoS(Record, frozen=True, kw_only=True):
         durability: Whether a later subscription gets the last messages.
         history: Whether the last 'depth' messages are kept, or all.
         depth: The number of messages that keep_last keeps.
+        deadline: The longest time between two messages that is offered or requested; by default
+            any.
+        lifespan: How long a message may be delivered after it was published; by default forever.
+        liveliness: How a publisher shows that it is alive.
+        lease_duration: How long it may be silent until it counts as dead; by default forever.
     """
 
     about = key("sensor_data", {"reliability": "best_effort", "depth": 5})
@@ -178,6 +183,10 @@ class QoS(Record, frozen=True, kw_only=True):
     durability: Literal["volatile", "transient_local"] = "volatile"
     history: Literal["keep_last", "keep_all"] = "keep_last"
     depth: Annotated[int, key(10, minimum=1)] = 10
+    deadline: Annotated[Duration | None, key("200 ms", positive=True)] = None
+    lifespan: Annotated[Duration | None, key("1 s", positive=True)] = None
+    liveliness: Literal["automatic", "manual_by_topic"] = "automatic"
+    lease_duration: Annotated[Duration | None, key("1 s", positive=True)] = None
 
     @classmethod
     def from_word(cls, word: str) -> "QoS":
@@ -188,6 +197,15 @@ class QoS(Record, frozen=True, kw_only=True):
     def from_keys(cls, keys: dict[str, Any]) -> "QoS":
         """A profile with all fields of the one that it is based on, and its own."""
         return cls(**PROFILES[keys.pop("profile", "default")] | keys)
+
+    def words(self) -> list[str]:
+        """Return the fields that differ from the default and that discovery tells, as text."""
+        told = ("reliability", "durability", "deadline", "lifespan", "liveliness", "lease_duration")
+        return [
+            f"{name} {getattr(self, name)}"
+            for name in told
+            if getattr(self, name) != getattr(QoS(), name)
+        ]
 
 
 class Container(StartedProcess, frozen=True, kw_only=True):

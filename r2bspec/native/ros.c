@@ -73,6 +73,14 @@ bool begins_with_header(type_t *type)
          strcmp(first->nested_type_name.data, HEADER_TYPE) == 0;
 }
 
+/* A limit in ns; 0, which rmw takes for none, stays 0. */
+static rmw_time_t next_limit(channel_t *channel)
+{
+  const int64_t limit_ns = next_number(channel);
+  return (rmw_time_t){
+    .sec = (uint64_t)(limit_ns / NS_PER_S), .nsec = (uint64_t)(limit_ns % NS_PER_S)};
+}
+
 rmw_qos_profile_t next_qos(channel_t *channel)
 {
   rmw_qos_profile_t qos = rmw_qos_profile_default;
@@ -80,5 +88,9 @@ rmw_qos_profile_t next_qos(channel_t *channel)
   qos.durability = (rmw_qos_durability_policy_t)next_number(channel);
   qos.history = (rmw_qos_history_policy_t)next_number(channel);
   qos.depth = (size_t)next_number(channel);
+  qos.deadline = next_limit(channel);
+  qos.lifespan = next_limit(channel);
+  qos.liveliness = (rmw_qos_liveliness_policy_t)next_number(channel);
+  qos.liveliness_lease_duration = next_limit(channel);
   return qos;
 }

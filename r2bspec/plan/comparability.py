@@ -115,6 +115,7 @@ _SHOWN_KEYS: Final[Mapping[str, Path]] = {
     "playback_mode": ("playback", "mode"),
     "segment_bytes": ("transport", "segment"),
     "external": ("graph", "nodes"),
+    "latched": ("playback", "inputs"),
     "lifecycle": ("graph", "nodes"),
     "processes": ("graph",),
     "topics": ("graph",),

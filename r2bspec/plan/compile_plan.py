@@ -78,7 +78,7 @@ def compile_plan(
         topics=plan_topics(spec, wiring),
         playback_mode=spec.playback.mode,
         buffer=spec.playback.buffer,
-        inputs=plan_inputs(spec, wiring),
+        inputs=plan_inputs(spec, wiring, spec.playback.played),
         monitors=plan_monitors(spec, wiring),
         phases=tuple(_phases(spec, sustained_hz, plays=bool(play or play_at_peak))),
         **Pacing.fields_of(spec.benchmark),
@@ -104,6 +104,7 @@ def compile_plan(
         lifecycle=plan_lifecycle(wiring) or msgspec.UNSET,
         calls=plan_calls(spec, wiring) or msgspec.UNSET,
         anatomy=spec.benchmark.anatomy or msgspec.UNSET,
+        latched=plan_inputs(spec, wiring, spec.playback.latched) or msgspec.UNSET,
     )
 
 

@@ -20,6 +20,16 @@ _ROS_MODULES = frozenset(
         "vision_opencv",
     }
 )
+_WHEELS = frozenset(
+    {
+        *("action_msgs", "actionlib_msgs", "ament_index_python", "builtin_interfaces"),
+        *("diagnostic_msgs", "geometry_msgs", "lifecycle_msgs", "nav_msgs", "rcl_interfaces"),
+        *("rclpy", "rosgraph_msgs", "sensor_msgs", "service_msgs", "shape_msgs", "std_msgs"),
+        *("std_srvs", "stereo_msgs", "test_msgs", "trajectory_msgs", "type_description_interfaces"),
+        *("unique_identifier_msgs", "visualization_msgs"),
+    }
+)
+"""The packages that nodes import and that exist as wheels of Jazzy; docs/nodes.md lists them."""
 _INTERFACE_PACKAGE = re.compile(r"_(msgs|interfaces|msg|srvs)$")
 
 
@@ -48,10 +58,10 @@ def ros_package_advice(package: str) -> str:
         if known:
             return f"{install}, or {workspace}"
         return f"{workspace}; if it is a released package: {install}"
-    if known:
-        workspace = "source a ROS 2 installation, or the workspace, that contains it"
-        return f"pip install {released}, if there is such a wheel; or {workspace}"
-    return f"{workspace}; if there is a wheel of it: pip install {released}"
+    if package in _WHEELS:
+        return f"pip install {released}"
+    workspace = "source a ROS 2 installation, or the workspace, that contains it"
+    return f"there is no wheel of {package}: {workspace}" if known else workspace
 
 
 def is_ros_module(module: str) -> bool:

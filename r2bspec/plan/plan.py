@@ -429,6 +429,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
         calls: the services and actions that are called; a plan without them has no such key.
         anatomy: whether the processes of the graph are observed from inside, or of which nodes;
             likewise.
+        latched: the inputs of which one message is published before the first step; likewise.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -470,6 +471,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
     lifecycle: tuple[LifecyclePlan, ...] | msgspec.UnsetType = msgspec.UNSET
     calls: tuple[CallPlan, ...] | msgspec.UnsetType = msgspec.UNSET
     anatomy: Literal[True] | tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
+    latched: tuple[InputPlan, ...] | msgspec.UnsetType = msgspec.UNSET
 
     def observes(self, process: ProcessPlan) -> bool:
         """Whether a process is observed from inside: those of the harness always are."""
@@ -485,6 +487,11 @@ class Plan(Pacing, frozen=True, kw_only=True):
     def states_in(self, phase: str) -> dict[str, LifecycleState]:
         """The nodes of a phase whose states the run changes, in order, with these states."""
         return {each.name: each.state for each in self.lifecycle or () if each.phase == phase}
+
+    @property
+    def latched_inputs(self) -> tuple[InputPlan, ...]:
+        """The inputs of which one message is published before the first step."""
+        return () if self.latched is msgspec.UNSET else self.latched
 
     @property
     def called(self) -> dict[str, CallPlan]:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
-from r2bspec.language.spec import Monitor, MonitorSettings, Spec
+from r2bspec.language.spec import Monitor, MonitorSettings, PlaybackInput, Spec
 from r2bspec.plan.plan import InputPlan, MonitorPlan, TapPlan, TopicPlan
+from r2bspec.plan.wiring.build_wiring import latched_qos
 from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint, Wiring
 
 
-def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
-    """The playback inputs, in the order of the spec."""
+def plan_inputs(
+    spec: Spec, wiring: Wiring, inputs: Mapping[str, PlaybackInput]
+) -> tuple[InputPlan, ...]:
+    """These playback inputs, in the order of the spec."""
     translations = spec.playback.timeline.translations
     return tuple(
         InputPlan(
@@ -18,14 +21,14 @@ def plan_inputs(spec: Spec, wiring: Wiring) -> tuple[InputPlan, ...]:
             type=played.format,
             source=(source := wiring.topic(played.source)),
             bag_topic=direct_bag_topic(source, spec, wiring),
-            qos=played.qos,
+            qos=latched_qos(played),
             timestamp=played.timestamp,
             later_ns=later.ns if (later := translations.get(name)) is not None else 0,
             slop_ns=(played.pairing or spec.playback.pairing).slop.ns,
             recorded_rate=played.rate == "recorded",
             ahead_ns=played.clock_ahead.ns,
         )
-        for name, played in spec.playback.inputs.items()
+        for name, played in inputs.items()
     )
 
 
@@ -103,14 +106,16 @@ def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
             **MonitorSettings.fields_of(monitor),
             ratio_inputs=monitor.ratio.inputs,
             ratio_outputs=monitor.ratio.outputs,
-            answers=_answers(monitor, spec, wiring, calls.get(name, "")),
+            answers=answered_inputs(monitor, spec, wiring, calls.get(name, "")),
             taps=_taps(monitor, wiring) if monitor.taps else (),
         )
         for name, monitor in spec.outputs.items()
     )
 
 
-def _answers(monitor: Monitor, spec: Spec, wiring: Wiring, call: str) -> tuple[str, ...]:
+def answered_inputs(
+    monitor: Monitor, spec: Spec, wiring: Wiring, call: str = ""
+) -> tuple[str, ...]:
     """The inputs of a timeline that a monitor answers, in the order of the spec.
 
     Without `answers`, they are those with a known path to the monitor; all if there is none. A
@@ -120,7 +125,7 @@ def _answers(monitor: Monitor, spec: Spec, wiring: Wiring, call: str) -> tuple[s
         return ()
     if call:
         return (call,)
-    inputs = [wiring.topic(name) for name in spec.playback.inputs]
+    inputs = [wiring.topic(name) for name in spec.playback.played]
     named = {wiring.topic(name) for name in monitor.answers}
     topic = wiring.topic(monitor.topic)
     known = wiring.measure.upstream_of(topic)

@@ -117,7 +117,8 @@ def _topic(
     channel: Channel, schema: Schema | None, count: int, span_ns: tuple[int, int] | None
 ) -> TopicInfo:
     kind = "" if schema is None else schema.name
-    return stored_topic(channel.topic, kind, channel.message_encoding, count, span_ns)
+    qos = channel.metadata.get("offered_qos_profiles", "")
+    return stored_topic(channel.topic, kind, channel.message_encoding, count, span_ns, qos)
 
 
 def _spans_ns(stream: BinaryIO, chunks: list[ChunkIndex]) -> dict[int, tuple[int, int]]:

@@ -19,7 +19,8 @@ _JOURNALS = {
     "-journal": (b"\xd9\xd5\x05\xf9",),
 }
 _TOPICS = """
-SELECT name, type, serialization_format, ifnull(number, 0), first_ns, last_ns FROM topics LEFT JOIN
+SELECT name, type, serialization_format, ifnull(number, 0), first_ns, last_ns, {qos}
+FROM topics LEFT JOIN
 (SELECT topic_id, count(*) AS number, min(timestamp) AS first_ns, max(timestamp) AS last_ns
 FROM messages GROUP BY topic_id) ON topic_id = topics.id ORDER BY topics.id
 """
@@ -38,10 +39,13 @@ class SqliteStorage:
 
     def index(self) -> tuple[TopicInfo, ...]:
         """As `Storage.index`."""
+        # Early versions have no such column.
+        columns = [row[1] for row in self._database.execute("PRAGMA table_info(topics)")]
+        qos = "offered_qos_profiles" if "offered_qos_profiles" in columns else "''"
         return tuple(
-            stored_topic(name, kind, serialization, count, (first_ns, last_ns))
-            for name, kind, serialization, count, first_ns, last_ns in self._database.execute(
-                _TOPICS
+            stored_topic(name, kind, serialization, count, (first_ns, last_ns), offered)
+            for name, kind, serialization, count, first_ns, last_ns, offered in (
+                self._database.execute(_TOPICS.format(qos=qos))
             )
         )
 

@@ -58,6 +58,7 @@ def stored_topic(
     serialization: object,
     count: object,
     span_ns: tuple[object, object] | None,
+    qos: object = "",
 ) -> recording.TopicInfo:
     """Return the topic with these values, whose types are checked.
 
@@ -73,6 +74,7 @@ def stored_topic(
             "count": count,
             "first_ns": first_ns,
             "last_ns": last_ns,
+            "qos": qos or "",
         },
         recording.TopicInfo,
     )

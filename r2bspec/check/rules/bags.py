@@ -103,11 +103,16 @@ def window_without_messages(context: Context) -> Findings:
     window = context.spec.data_loader.window
     if bag is None or (window.end is not None and window.end.ns <= window.start.ns):
         return
+    latched = {played.source for played in context.spec.playback.latched.values()}
     for name, message_count in window_message_counts(context).items():
         info = bag.find(name)
         if message_count.messages or info is None:
             continue
         empty = info.count == 0
+        first_ns, last_ns = info.span_ns or (bag.end_ns, bag.end_ns)
+        start_ns = bag.start_ns + window.start.ns
+        if first_ns < start_ns and context.spec.data_loader.topics[name] in latched:
+            continue
         yield Finding(
             message=f"no messages of {quote(name)} in the bag"
             if empty
@@ -116,6 +121,8 @@ def window_without_messages(context: Context) -> Findings:
             key=empty,
             help=""
             if empty
+            else "'rate: once' of the input plays the last one before the window, as of a map"
+            if last_ns < start_ns
             else f"the bag has {info.count:,} of them, {info.rate_hz:.3g} per second",
             suppressed_by={value_key(_WINDOW)},
             suppresses={value_key(("data_loader", "topics", name))},
@@ -185,7 +192,7 @@ def _counts_by_input(context: Context) -> dict[str, MessageCount]:
     }
     reached = {topic: context.wiring.preprocess.downstream_of([topic]) for topic in loaded}
     counts = {}
-    for name, played in context.spec.playback.inputs.items():
+    for name, played in context.spec.playback.played.items():
         source = context.wiring.topic(played.source)
         feeding = [loaded[topic] for topic, below in reached.items() if source in below]
         if feeding:

@@ -52,7 +52,7 @@ def inputs_without_stamp(context: Context) -> Findings:
     """Monitors that match by stamp, where no playback input has one."""
     if _any_stamp(context):
         return
-    first, played = next(iter(context.spec.playback.inputs.items()))
+    first, played = next(iter(context.spec.playback.played.items()))
     headerless = played.timestamp == "header"
     for name, monitor in context.spec.monitors.items():
         if monitor.match == "stamp":
@@ -75,7 +75,7 @@ def inputs_without_stamp(context: Context) -> Findings:
 
 def _any_stamp(context: Context) -> bool:
     """Whether the player stamps messages of any input, as far as their types are known."""
-    inputs = context.spec.playback.inputs.values()
+    inputs = context.spec.playback.played.values()
     return not inputs or any(
         played.timestamp == "header" and begins_with_header(played.format) is not False
         for played in inputs

@@ -6,11 +6,13 @@ messages that can be played together or at their times.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from r2bspec.bags.message_types import begins_with_header
-from r2bspec.check.check_context import Context, WindowTimes, window_message_counts, window_times
+from r2bspec.bags.recorded_times import TopicTimes
+from r2bspec.check.check_context import Context, window_message_counts
 from r2bspec.check.rule import (
     PREPROCESS_FLOW,
     Finding,
@@ -23,8 +25,9 @@ from r2bspec.check.rule import (
 )
 from r2bspec.diagnostics.quote import did_you_mean, quote
 from r2bspec.language.quantities import Duration
+from r2bspec.language.spec import PlaybackInput
 from r2bspec.plan.nearest_stamps import clock_ahead, pair_nearest
-from r2bspec.plan.topic_plans import direct_bag_topic
+from r2bspec.plan.topic_plans import answered_inputs, direct_bag_topic
 from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint
 from r2bspec.record.run_record import UNPAIRED_HELP, UnplayedMessages
 
@@ -115,6 +118,75 @@ def timeline_without_timestamps(context: Context) -> Findings:
 _COUNTS_ALONE = "; only their numbers were compared, not their stamps"
 
 
+@rule("R2B419")
+def latched_input_not_recorded(context: Context) -> Findings:
+    """Inputs of which one recorded message is published, and which a preprocessor makes."""
+    for name, played in context.spec.playback.latched.items():
+        source = context.wiring.topic(played.source)
+        if not direct_bag_topic(source, context.spec, context.wiring):
+            yield Finding(
+                message=f"{quote(name)} is published once, but no recorded topic is loaded as "
+                f"{quote(context.relative_name(source))}",
+                path=("playback", "inputs", name, "rate"),
+                help="load its topic directly, without a preprocessor, or remove 'rate: once'",
+                suppressed_by={topic_key("preprocess", source)},
+            )
+
+
+@rule("R2B658")
+def monitor_without_steps(context: Context) -> Findings:
+    """Monitors of a timeline that answer inputs which no step has together."""
+    spec, playback = context.spec, context.spec.playback
+    if playback.mode != "timeline":
+        return
+    for name, monitor in spec.monitors.items():
+        topics = answered_inputs(monitor, spec, context.wiring)
+        answered = {
+            key: each
+            for key, each in playback.played.items()
+            if context.wiring.topic(key) in topics
+        }
+        stamps = _stamps_of_inputs(context, answered) if len(answered) > 1 else None
+        if stamps is None:
+            continue
+        slops_ns = [(each.pairing or playback.pairing).slop.ns for each in answered.values()]
+        if all(stamps) and pair_nearest(stamps, slops_ns):
+            continue
+        slowest = min(answered, key=lambda key: len(stamps[list(answered).index(key)]) or math.inf)
+        yield Finding(
+            message=f"no step of the timeline has messages of all inputs of monitor {name}: "
+            f"{', '.join(answered)}",
+            path=("monitors", name),
+            key=True,
+            help=f"write 'answers: [{slowest}]', or the input whose messages it answers; with "
+            "'pairing: {slop: ...}' messages with near stamps are one step",
+            suppressed_by={value_key(("data_loader", "window"))},
+        )
+
+
+def _stamps_of_inputs(
+    context: Context, inputs: Mapping[str, PlaybackInput]
+) -> list[list[int]] | None:
+    """Return the stamps of each input, none of one without a header; None if they are not read."""
+    sources = {name: context.wiring.topic(played.source) for name, played in inputs.items()}
+    topics = {
+        name: direct_bag_topic(source, context.spec, context.wiring)
+        for name, source in sources.items()
+    }
+    times = context.window_times if all(topics.values()) else None
+    if times is None or context.spec.playback.record_timeline:
+        return None
+    later = context.spec.playback.timeline.translations
+    stamps = []
+    for name, played in inputs.items():
+        shift_ns = (later[name].ns if name in later else 0) - played.clock_ahead.ns
+        found = times[topics[name]].stamps_ns if topics[name] in times else []
+        if not found and begins_with_header(played.format) is not False:
+            return None
+        stamps.append([stamp_ns + shift_ns for stamp_ns in found])
+    return stamps
+
+
 @rule("R2B415")
 def input_messages_unpaired(context: Context) -> Findings:
     """Inputs of which messages are not played, because they have no partner of the same stamp."""
@@ -132,16 +204,29 @@ def input_messages_unpaired(context: Context) -> Findings:
         if not ahead.ns and any(other.ns for other in clocks.values()):
             continue
         because = f": its clock was {ahead} ahead" if ahead.ns else ""
+        advice = _other_rate(messages) or UNPAIRED_HELP
         yield Finding(
             message=f"{unplayed.clause}{_COUNTS_ALONE if unplayed.at_least else ''}{because}",
             path=("playback", "inputs", name),
             key=True,
             help=f"write 'clock_ahead: {ahead}'; 'pairing: {{slop: ...}}' allows what still differs"
             if because
-            else UNPAIRED_HELP,
+            else advice,
             severity="error" if unplayed.is_most else None,
             suppressed_by={value_key(("data_loader", "window"))},
         )
+
+
+def _other_rate(inputs: Sequence[_StepInput]) -> str:
+    """Return what to do about inputs of other rates, and without stamps; empty if it is neither."""
+    counts = {each.name: len(each.times.stamps_ns) for each in inputs if each.times is not None}
+    single = [name for name, count in counts.items() if count == 1 < max(counts.values())]
+    if single:
+        return f"write 'rate: once' for {' and '.join(single)}: it is played before the first step"
+    unset = [each.name for each in inputs if each.times is not None and each.times.never_stamped]
+    if unset and len(unset) < len(inputs):
+        return f"write 'rate: recorded' for {' and '.join(unset)}, whose stamps were never set"
+    return ""
 
 
 class _StepInput(NamedTuple):
@@ -160,7 +245,7 @@ class _StepInput(NamedTuple):
     topic: str
     bag_topic: str
     slop_ns: int
-    times: WindowTimes | None = None
+    times: TopicTimes | None = None
 
 
 def _messages_of_steps(context: Context) -> tuple[_StepInput, ...]:
@@ -168,7 +253,7 @@ def _messages_of_steps(context: Context) -> tuple[_StepInput, ...]:
     inputs = []
     playback = context.spec.playback
     for name, played in playback.inputs.items():
-        if begins_with_header(played.format) is False or played.rate == "recorded":
+        if begins_with_header(played.format) is False or played.rate != "step":
             continue
         source = context.wiring.topic(played.source)
         bag_topic = direct_bag_topic(source, context.spec, context.wiring)
@@ -179,14 +264,14 @@ def _messages_of_steps(context: Context) -> tuple[_StepInput, ...]:
         inputs.append(_StepInput(name, context.wiring.topic(name), bag_topic, slop_ns))
     if len(inputs) < 2:
         return ()
-    times = window_times(context, {step_input.bag_topic for step_input in inputs})
-    if times is None:
+    times = context.window_times
+    if times is None or any(step_input.bag_topic not in times for step_input in inputs):
         return tuple(inputs)
     timed = []
     for step_input in inputs:
         recorded_ns, stamps_ns = times[step_input.bag_topic]
         ahead_ns = playback.inputs[step_input.name].clock_ahead.ns
-        right = WindowTimes(recorded_ns, [stamp_ns - ahead_ns for stamp_ns in stamps_ns])
+        right = TopicTimes(recorded_ns, [stamp_ns - ahead_ns for stamp_ns in stamps_ns])
         timed.append(step_input._replace(times=right))
     return tuple(timed)
 

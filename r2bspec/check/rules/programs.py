@@ -7,6 +7,7 @@ file binds, and its constructor tells whether it can share a process.
 
 from __future__ import annotations
 
+import ast
 import os
 from collections.abc import Iterator
 from pathlib import Path as FilePath
@@ -24,7 +25,7 @@ from r2bspec.plan import installed_packages, package_advice
 from r2bspec.plan.this_machine import ament_prefixes, find_module, module_file
 from r2bspec.plan.wiring import node_interface
 from r2bspec.plan.wiring.console_scripts import source_script
-from r2bspec.plan.wiring.python_files import source_folder
+from r2bspec.plan.wiring.python_files import read_python_file, source_folder
 from r2bspec.safe_io.safe_file import is_folder, is_regular, names_if_any
 
 
@@ -303,6 +304,50 @@ def _unusable_file(
             part=(0, len(written)),
         )
     return None
+
+
+@rule("R2B689")
+def imported_package_not_installed(context: Context) -> Findings:
+    """Python nodes whose file imports a ROS package that is not installed."""
+    if find_module("rclpy") is None:
+        return
+    for path, target in _python_targets(context):
+        tree = None if target.module else read_python_file(target.file)
+        reported = set()
+        for line, package in (
+            sorted(_imported_packages(tree, target.name)) if tree is not None else ()
+        ):
+            beside = target.file.parent / package
+            if (
+                package in reported
+                or not package_advice.is_ros_module(package)
+                or find_module(package) is not None
+                or beside.exists()
+                or beside.with_suffix(".py").exists()
+            ):
+                continue
+            reported.add(package)
+            yield Finding(
+                message=f"{target.file.name}:{line} imports {quote(package)}, which is not "
+                "installed on this machine",
+                path=path,
+                help=package_advice.ros_package_advice(package),
+                machine_dependent=True,
+                suppressed_by={value_key(path)},
+            )
+
+
+def _imported_packages(tree: ast.AST, name: str) -> Iterator[tuple[int, str]]:
+    """Yield the line and the package of each import that has to succeed for a class or function."""
+    for node in ast.iter_child_nodes(tree):
+        match node:
+            case ast.Import(names=names):
+                for alias in names:
+                    yield node.lineno, alias.name.partition(".")[0]
+            case ast.ImportFrom(module=str(module), level=0):
+                yield node.lineno, module.partition(".")[0]
+            case ast.ClassDef() | ast.FunctionDef() if node.name in {name, "__init__"}:
+                yield from _imported_packages(node, name)
 
 
 _REFERENCE_NODES = "r2bspec.nodes"

@@ -189,6 +189,12 @@ def _incompatibility(
         return "reliable", "best_effort", "reliability"
     if subscription.qos.durability == "transient_local" and publisher.qos.durability == "volatile":
         return "transient_local", "volatile", "durability"
+    if subscription.qos.liveliness != "automatic" == publisher.qos.liveliness:
+        return subscription.qos.liveliness, "automatic", "liveliness"
+    for field in ("deadline", "lease_duration"):
+        requested, offered = getattr(subscription.qos, field), getattr(publisher.qos, field)
+        if requested is not None and (offered is None or offered.ns > requested.ns):
+            return str(requested), "none" if offered is None else str(offered), field
     return None
 
 
@@ -201,12 +207,15 @@ def _qos_finding(
 ) -> Finding:
     requested, offered, field = problem
     wrong, other = (subscription, publisher) if subscription.qos_path else (publisher, subscription)
+    relaxed = (
+        f"remove {quote(field)}" if offered == "none" else f"set {quote(f'{field}: {offered}')}"
+    )
     return Finding(
         message=f"{_endpoint_label(subscription)} requests {field} {quote(requested)} on "
         f"{quote(context.relative_name(publisher.topic))}, but "
         f"{_endpoint_label(publisher)} offers {quote(offered)}",
         path=(*wrong.qos_path, field) if wrong.qos_path else wrong.path,
-        help=f"set {quote(f'{field}: {offered}')} for {_endpoint_label(subscription)}, or "
+        help=f"{relaxed} for {_endpoint_label(subscription)}, or "
         f"{quote(f'{field}: {requested}')} for {_endpoint_label(publisher)}",
         related=(
             Pointer(
@@ -228,8 +237,10 @@ def message_type_not_installed(context: Context) -> Findings:
     for phase in context.wiring.phases:
         for endpoint in phase.endpoints:
             # The harness publishes and subscribes itself, and must have the types.
-            if not endpoint.is_node and endpoint.type_path and endpoint.type:
-                stated.setdefault(endpoint.type, endpoint.type_path)
+            is_transform = endpoint.path[-1] in {"publish_tf", "publish_tf_static"}
+            place = endpoint.path if is_transform else endpoint.type_path
+            if not endpoint.is_node and place and endpoint.type:
+                stated.setdefault(endpoint.type, place)
     for call in stated_calls(context.spec):
         stated.setdefault(call.type, (*call.path, "type"))
     if not stated or find_module("rclpy") is None:

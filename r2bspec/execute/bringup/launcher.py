@@ -151,7 +151,7 @@ class Launcher:
             RunError: it is not ready in time, or exits.
         """
         child = self._early.pop(_OBSERVER, None) or self._start_helper(_OBSERVER, "observer")
-        if settings.static_dir or settings.clock:
+        if settings.latched or settings.clock:
             self.configure(child, settings)
             self._ready_observers.add(child)
         else:

@@ -109,7 +109,7 @@ class SegmentPlayer:
         rows_dir: Path,
         *,
         schedule: Schedule | None = None,
-        static_publisher: ManagedProcess | None = None,
+        latching: ManagedProcess | None = None,
         confirms: bool = False,
         start: int = 1,
         anatomy: AnatomyObservation | None = None,
@@ -117,7 +117,7 @@ class SegmentPlayer:
         self._plan = plan
         self._anatomy = anatomy
         self._start = start
-        self._static_publisher = static_publisher
+        self._latching = latching
         self.schedule = schedule or CyclicSchedule(steps=())
         self._step_stamps = StepStamps(self.schedule)
         self._confirms = confirms
@@ -240,7 +240,7 @@ class SegmentPlayer:
         """
         if self._player is None:
             raise RunError("this run has no player")
-        self._await_static()
+        self._await_latched()
         timeout_s = self.schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         command = protocol.Play(rate_hz=rate_hz, steps=steps)
         self._supervisor.request(self._player, command, protocol.Played, timeout_s)
@@ -340,7 +340,7 @@ class SegmentPlayer:
     ) -> None:
         if self._player is None:
             raise RunError("this run has no player")
-        self._await_static()
+        self._await_latched()
         begin = time.monotonic()
         deadline = begin + self.schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         next_check = begin + _CHECK_INTERVAL_S
@@ -378,12 +378,10 @@ class SegmentPlayer:
                     self._player.send(protocol.Stop())
                     stopping = True
 
-    def _await_static(self) -> None:
-        """Wait until the nodes have the latched transforms, which they need for what is played."""
-        if self._static_publisher is not None:
-            self._supervisor.request(
-                self._static_publisher, protocol.AwaitStatic(), protocol.Matched
-            )
+    def _await_latched(self) -> None:
+        """Wait until the nodes have what is latched, which they need for what is played."""
+        if self._latching is not None:
+            self._supervisor.request(self._latching, protocol.AwaitLatched(), protocol.Matched)
 
     def _live(self, first: dict[str, int]) -> ProgressView:
         monitors = {plan.name: (plan, self._monitors[plan.name]) for plan in self._plan.monitors}

@@ -67,11 +67,12 @@ from r2bspec.execute.start.silent_outputs import SilentOutputs
 from r2bspec.execute.states import RunState
 from r2bspec.ipc import protocol
 from r2bspec.ipc.buffers import TF_STATIC, buffered_transforms
+from r2bspec.ipc.protocol import STATIC
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule
 from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.judge.rate_decision import load_scipy
 from r2bspec.native.build import harness_library, join_object
-from r2bspec.plan.plan import GRAPH_ROLES, Plan, ProcessPlan
+from r2bspec.plan.plan import GRAPH_ROLES, InputPlan, Plan, ProcessPlan
 from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record import run_record
 
@@ -203,7 +204,8 @@ class Start:
         # Not before the harness overhead was measured, which its start would disturb.
         settings = protocol.ConfigureObserver(
             guarded=guarded_topics(self._plan),
-            static_dir=str(self._buffer_dir) if self._has_static else "",
+            buffer_dir=str(self._buffer_dir),
+            latched=self._latched,
             # In a live run, a node of the graph publishes it.
             clock=self._plan.clock and bool(self._plan.inputs),
         )
@@ -222,7 +224,7 @@ class Start:
             player,
             self.rows_dir,
             schedule=self.schedule,
-            static_publisher=observer if self._has_static else None,
+            latching=observer if self._latched else None,
             confirms=self.confirms,
             start=self.number,
             anatomy=self.anatomy,
@@ -322,9 +324,10 @@ class Start:
         )
 
     @property
-    def _has_static(self) -> bool:
-        """Whether /tf_static is published."""
-        return TF_STATIC in buffered_transforms(self._buffer_dir)
+    def _latched(self) -> tuple[InputPlan, ...]:
+        """What the observer publishes: /tf_static, and the inputs of one message."""
+        static = (STATIC,) if TF_STATIC in buffered_transforms(self._buffer_dir) else ()
+        return *static, *self._plan.latched_inputs
 
     def _measure_overhead_alone(self) -> None:
         """Measure the overhead of a harness that will run in processes of the graph.
@@ -451,8 +454,12 @@ class Start:
                 readiness.wait_for_services(supervisor, caller, deadline)
         if player is not None and plan.inputs:
             transforms = subscription_counts(self._graph, buffered_transforms(self._buffer_dir))
-            if TF_STATIC in transforms:
-                expected[observer] = {TF_STATIC: transforms.pop(TF_STATIC)}
+            expected[observer] = {
+                each.topic: transforms.pop(TF_STATIC)
+                if each is STATIC
+                else expected_subscriptions(self._graph, each.topic)
+                for each in self._latched
+            }
             expected[player] = transforms | {
                 source.topic: expected_subscriptions(self._graph, source.topic)
                 for source in plan.inputs

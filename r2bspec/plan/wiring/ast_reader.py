@@ -11,7 +11,7 @@ that it makes.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final, Literal
 
@@ -21,6 +21,7 @@ from r2bspec.language.spec import QoS
 from r2bspec.plan.wiring import python_files
 from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
 from r2bspec.plan.wiring.python_source import SourceNames, own_nodes
+from r2bspec.plan.wiring.source_qos import read_profile
 from r2bspec.safe_io.limits import MAX_BASE_CLASSES
 
 _NODES: Final = frozenset({"rclpy.Node", "rclpy.node.Node"})
@@ -170,6 +171,8 @@ class _Reading:
         self._parameters: dict[str, ParameterInfo] = {}
         self._knows_parameters = True
         self._qos: dict[str, QoS] = {}
+        self._publishing: list[str] = []
+        self._methods: dict[str, ast.stmt] = {}
         self._services: dict[str, str] = {}
         self._name = ""
         self._lifecycle = False
@@ -182,11 +185,22 @@ class _Reading:
         if base not in _NODES | _LIFECYCLE_NODES and not _has_read_base(found):
             bases = ", ".join(map(ast.unparse, found.node.bases)) or "nothing"
             self._doubt_all(f"{found.node.name} inherits from {bases}, which may have others")
+        # A constant of the class is read by `self`, or by its name.
+        attributes = {
+            f"{owner}.{name}": value
+            for name, value in _single_values(found.node, found.node.body).items()
+            for owner in ("self", found.node.name)
+        }
+        self._methods |= {
+            method.name: method
+            for method in found.node.body
+            if isinstance(method, ast.FunctionDef) and method.name not in self._methods
+        }
         for method in found.node.body:
-            values = _single_values(method)
+            values = {**attributes, **_single_values(method)}
             for node in ast.walk(method):
                 if isinstance(node, ast.Call):
-                    self._add_call(node, names, values)
+                    self._add_call(node, names, values, method)
 
     def _doubt(self, side: _Side, why: str) -> None:
         self._more[side] = self._more[side] or why
@@ -197,13 +211,17 @@ class _Reading:
         self._knows_parameters = False
 
     def _add_call(
-        self, call: ast.Call, names: SourceNames, values: Mapping[str, ast.expr | None]
+        self,
+        call: ast.Call,
+        names: SourceNames,
+        values: Mapping[str, ast.expr | None],
+        scope: ast.AST,
     ) -> None:
         method = _method_of_self(call)
         if method in _PUBLISHER_METHODS:
-            self._add_topic("publishes", call, names, values)
+            self._add_topic("publishes", call, names, values, scope)
         elif method == "create_subscription":
-            self._add_topic("subscribes", call, names, values)
+            self._add_topic("subscribes", call, names, values, scope)
         elif method == "create_service":
             self._add_service(call, names, values, "srv", first=0)
         elif method in {"declare_parameter", "declare_parameters"}:
@@ -211,7 +229,7 @@ class _Reading:
         elif method == "__init__":
             self._add_base_constructor(call)
         elif not method and _passes_node(call):
-            self._add_helper(call, names, values)
+            self._add_helper(call, names, values, scope)
 
     def _add_topic(
         self,
@@ -219,6 +237,7 @@ class _Reading:
         call: ast.Call,
         names: SourceNames,
         values: Mapping[str, ast.expr | None],
+        scope: ast.AST,
         first: int = 0,
     ) -> None:
         """Take a publisher or a subscription into account, whose type is the argument `first`."""
@@ -230,12 +249,22 @@ class _Reading:
         written = _interface_type(_argument(call, first, "msg_type"), names)
         if self._topics[side].setdefault(topic, written) != written:
             self._topics[side][topic] = ""
-        qos = _qos_profile(call, first + (2 if side == "publishes" else 3), names)
-        if qos is not None:
+        given = _argument(call, first + (2 if side == "publishes" else 3), "qos_profile")
+        qos = read_profile(given, names, values, scope)
+        is_overridden = any(keyword.arg == "qos_overriding_options" for keyword in call.keywords)
+        if qos is not None and not is_overridden:
             self._qos[topic] = qos
+        if side == "subscribes" and _publishes(
+            _argument(call, first + 2, "callback"), self._methods
+        ):
+            self._publishing.append(topic)
 
     def _add_helper(
-        self, call: ast.Call, names: SourceNames, values: Mapping[str, ast.expr | None]
+        self,
+        call: ast.Call,
+        names: SourceNames,
+        values: Mapping[str, ast.expr | None],
+        scope: ast.AST,
     ) -> None:
         """Take the topics into account that a class of another package makes for the node."""
         package, _, inside = names.full_name(call.func).partition(".")
@@ -246,7 +275,7 @@ class _Reading:
         self._topics["publishes"].update(helper.publishes)
         self._topics["subscribes"].update(helper.subscribes)
         if helper.makes_subscription:
-            self._add_topic("subscribes", call, names, values, first=1)
+            self._add_topic("subscribes", call, names, values, scope, first=1)
         if helper.names_action:
             self._add_service(call, names, values, "action", first=1, answers=helper.answers)
 
@@ -303,6 +332,7 @@ class _Reading:
             parameters=self._parameters if self._knows_parameters else None,
             services=self._services,
             qos=self._qos,
+            publishing=tuple(self._publishing),
             origin="source",
             name=self._name,
             may_publish_more=self._more["publishes"],
@@ -328,6 +358,22 @@ def _method_of_self(call: ast.Call) -> str:
     return called.attr if isinstance(called, ast.Attribute) and _is_self(called.value) else ""
 
 
+def _publishes(
+    callback: ast.AST | None, methods: Mapping[str, ast.stmt], steps: int = _MAX_STEPS
+) -> bool:
+    """Return True if a callback calls ``publish``, itself or by the methods that it calls."""
+    called = callback.func if isinstance(callback, ast.Call) else callback
+    if isinstance(called, ast.Attribute):
+        if called.attr == "publish":
+            return True
+        method = methods.get(called.attr) if _is_self(called.value) else None
+        inside: list[ast.AST] = [*ast.walk(method)] if method is not None else []
+    else:
+        inside = [*ast.walk(callback)] if isinstance(callback, ast.Lambda) else []
+    calls = [node for node in inside if isinstance(node, ast.Call)]
+    return steps > 0 and any(_publishes(call, methods, steps - 1) for call in calls)
+
+
 def _passes_node(call: ast.Call) -> bool:
     """Whether `self` is an argument of a call, other than of `super`."""
     arguments = (*call.args, *(keyword.value for keyword in call.keywords))
@@ -345,12 +391,21 @@ def _argument(call: ast.Call, position: int, name: str) -> ast.expr | None:
     return next((keyword.value for keyword in call.keywords if keyword.arg == name), None)
 
 
-def _single_values(top: ast.AST) -> dict[str, ast.expr | None]:
-    """The only value that each variable of a method gets; None if there are others."""
+def _single_values(top: ast.AST, statements: Iterable[ast.AST] = ()) -> dict[str, ast.expr | None]:
+    """Return the only value that each variable gets, ``self.NAME`` too; None if there are others.
+
+    Args:
+        top: a method, or a class.
+        statements: of it that count; by default all.
+    """
     values: dict[str, ast.expr | None] = {}
-    for node in ast.walk(top):
+    for node in statements or ast.walk(top):
         match node:
-            case ast.Assign(targets=[ast.Name(id=name)], value=value):
+            case ast.Assign(
+                targets=[ast.Name() | ast.Attribute(value=ast.Name(id="self")) as target],
+                value=value,
+            ):
+                name = ast.unparse(target)
                 values[name] = None if name in values else value
             case ast.AugAssign(target=ast.Name(id=name)) | ast.For(target=ast.Name(id=name)):
                 values[name] = None
@@ -401,17 +456,6 @@ def _interface_type(
         return ""
     package, middle, name = (["", "", *names.full_name(given).split(".")])[-3:]
     return f"{package}/{kind}/{name}" if middle == kind and package else ""
-
-
-def _qos_profile(call: ast.Call, position: int, names: SourceNames) -> QoS | None:
-    """The profile for a QoS argument that is a number, or the profile of sensor data."""
-    if any(keyword.arg == "qos_overriding_options" for keyword in call.keywords):
-        return None
-    given = _argument(call, position, "qos_profile")
-    if given is not None and names.full_name(given) == "rclpy.qos.qos_profile_sensor_data":
-        return QoS.from_word("sensor_data")
-    depth = given.value if isinstance(given, ast.Constant) else None
-    return QoS(depth=depth) if type(depth) is int and depth > 0 else None
 
 
 def _declared_parameters(call: ast.Call, method: str) -> list[tuple[str, ParameterInfo]] | None:

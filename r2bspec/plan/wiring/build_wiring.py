@@ -11,8 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+import msgspec
+
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.language.spec import Node, QoS, Spec
+from r2bspec.language.spec import Node, PlaybackInput, QoS, Spec
 from r2bspec.plan.wiring import node_interface
 from r2bspec.plan.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
 from r2bspec.plan.wiring.name_resolution import Remapper, expand, join_namespaces, node_name
@@ -161,6 +163,13 @@ def _transform_endpoints(spec: Spec, owner: str) -> Iterator[WiredEndpoint]:
             )
 
 
+def latched_qos(played: PlaybackInput) -> QoS:
+    """Return the profile of an input: what is published once is kept for later subscriptions."""
+    if played.rate != "once":
+        return played.qos
+    return msgspec.structs.replace(played.qos, reliability="reliable", durability="transient_local")
+
+
 def _play_endpoints(spec: Spec, namespace: str) -> Iterator[WiredEndpoint]:
     for name, played in spec.playback.inputs.items():
         place: Path = ("playback", "inputs", name)
@@ -172,7 +181,7 @@ def _play_endpoints(spec: Spec, namespace: str) -> Iterator[WiredEndpoint]:
             path=place,
             topic_is_key=True,
             type_path=(*place, "format"),
-            qos=played.qos,
+            qos=latched_qos(played),
             qos_path=(*place, "qos"),
         )
     for name, monitor in spec.monitors.items():

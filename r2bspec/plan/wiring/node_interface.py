@@ -133,6 +133,7 @@ class Interface(msgspec.Struct, frozen=True):
         may_publish_more: why it may publish other topics, too; empty if nothing says so.
         may_subscribe_more: likewise.
         is_lifecycle: whether it is known to be a lifecycle node.
+        publishing: the subscribed topics whose callbacks are known to publish.
     """
 
     subscribes: Mapping[str, str] | None = None
@@ -149,6 +150,7 @@ class Interface(msgspec.Struct, frozen=True):
     may_publish_more: str = ""
     may_subscribe_more: str = ""
     is_lifecycle: bool = False
+    publishing: tuple[str, ...] = ()
 
     @property
     def publishes_all(self) -> bool:
@@ -196,6 +198,7 @@ class InterfaceEntry(_InterfaceRow, frozen=True, kw_only=True):
     may_publish_more: str = ""
     may_subscribe_more: str = ""
     is_lifecycle: bool = False
+    publishing: tuple[str, ...] = ()
 
 
 InterfaceTable = Mapping[str, InterfaceEntry]
@@ -275,6 +278,7 @@ def interface_of(
         may_publish_more="" if node.publishes else publishes_entry.may_publish_more,
         may_subscribe_more="" if node.subscribes else subscribes_entry.may_subscribe_more,
         is_lifecycle=any(entry.is_lifecycle for entry in entries),
+        publishing=subscribes_entry.publishing,
     )
 
 

@@ -50,6 +50,11 @@ class SourceNames:
                 self._imported[name].add(f"{module}.{alias.name}")
                 self._origins[name].add((node.level, node.module or "", alias.name))
 
+    @property
+    def top_level(self) -> list[ast.stmt]:
+        """The statements of the file."""
+        return self._tree.body
+
     def definition(self, name: str) -> ast.FunctionDef | ast.ClassDef | None:
         """The function or class at the top level, if nothing else in the file binds its name."""
         if name in self._imported or self._has_star_import:

@@ -20,6 +20,7 @@ from data_bags import (
     START_NS,
     STRING,
     chatter,
+    edit_metadata,
     refusal_of,
     split_bag,
     storage_file,
@@ -79,6 +80,19 @@ def _without_index(folder: Path) -> Path:
     return bag
 
 
+def _without_metadata(folder: Path, **options: Any) -> Path:
+    """What a recorder leaves that was killed after it had closed its files."""
+    bag = split_bag(folder, [MESSAGES[:9], MESSAGES[9:]], **options)
+    (bag / "metadata.yaml").unlink()
+    return bag
+
+
+def _without_identifier(folder: Path) -> Path:
+    bag = write_bag(folder, MESSAGES, storage="mcap")
+    edit_metadata(bag, "storage_identifier: .*", "storage_identifier: ''")
+    return bag
+
+
 def _linked(folder: Path) -> Path:
     real = write_bag(folder.with_name("real"), MESSAGES)
     storage_file(real).rename(real.parent / "elsewhere.db3")
@@ -100,6 +114,9 @@ FORMS: dict[str, Callable[[Path], Path]] = {
     "sqlite3, split, interleaved, by file": lambda at: split_bag(
         at, [MESSAGES[::2], MESSAGES[1::2]], compression="file"
     ),
+    "sqlite3, split, without metadata": _without_metadata,
+    "mcap, split, without metadata": lambda at: _without_metadata(at, storage="mcap"),
+    "mcap, without a storage identifier": _without_identifier,
     "sqlite3, alone": lambda at: _alone(write_bag(at, MESSAGES)),
     "sqlite3, odd name": lambda at: _named(at, b"100 % #1? bag"),
     "sqlite3, name that is not UTF-8": lambda at: _named(at, b"caf\xe9"),

@@ -90,6 +90,27 @@ def test_messages_of_one_topic_in_several_bags_are_merged_by_time(
     assert index.stamps_ns == index.times_ns
 
 
+@pytest.mark.parametrize(
+    ("times", "expected"),
+    [
+        ({"first": (0, 40), "second": (60, 100)}, 40),
+        ({"first": (70, 90), "second": (60, 100)}, 60),
+        ({"first": (0, 90), "second": (45, 100)}, 45),
+    ],
+    ids=["before the window", "inside", "the last one of all bags"],
+)
+def test_of_a_latched_topic_the_message_at_the_start_of_the_window_is_buffered(
+    tmp_path: Path, buffers: Path, times: dict[str, tuple[int, ...]], expected: int
+) -> None:
+    bags = [
+        write_bag(tmp_path / name, {"/left": each, "/text": (0, 110)})
+        for name, each in times.items()
+    ]
+    plans = [dataset(topic("/left", "/map"), start_ms=50) for _ in bags]
+    assert buffer_bags(bags, plans, buffers, Progress(), ["/map"]) == {"/map": 1}
+    assert read_index(buffers, "/map").times_ns == (START_NS + expected * MS,)
+
+
 def test_of_the_events_of_a_service_the_requests_of_one_side_are_buffered(
     tmp_path: Path, buffers: Path
 ) -> None:

@@ -76,8 +76,8 @@ def test_topics_have_the_paths_of_their_rows() -> None:
         *("monitor", f"{folder}/monitor.held", "0"),
     ]
     codec.encode(protocol.ConfigureMonitor(monitors=(), rows_dir="/a rows"))
-    named = (*IMAGE_WORDS, "/a rows/b.rows", "2", "2", "1", "3", "/out")
-    rows, qos = "/a rows/out.rows", ("1", "2", "1", "10", "/out")
+    named = (*IMAGE_WORDS, "/a rows/b.rows", "2", "2", "1", "3", "0", "0", "1", "0", "/out")
+    rows, qos = "/a rows/out.rows", ("1", "2", "1", "10", "0", "0", "1", "0", "/out")
     assert words(protocol.Subscribe(monitors=(NAMED, OUT)), codec) == [
         *("subscribe", "2", *named, *IMAGE_WORDS, rows, *qos),
     ]
@@ -89,9 +89,9 @@ def test_topics_have_the_paths_of_their_rows() -> None:
 
 
 def test_a_player_has_its_inputs_and_transforms_after_them(tmp_path: Path) -> None:
-    own = [*IMAGE_WORDS, "1", "2", "1", "10", "/in", f"{tmp_path}/loaded.cdr"]
+    own = [*IMAGE_WORDS, "1", "2", "1", "10", "0", "0", "1", "0", "/in", f"{tmp_path}/loaded.cdr"]
     assert words(player(tmp_path)) == ["player", "1", *own]
-    tf = [*TF_WORDS, "1", "2", "1", "100", "/tf", f"{tmp_path}/tf.cdr"]
+    tf = [*TF_WORDS, "1", "2", "1", "100", "0", "0", "1", "0", "/tf", f"{tmp_path}/tf.cdr"]
     assert words(player(tmp_path, TF, TF_STATIC)) == ["player", "2", *own, *tf]
 
 

@@ -1,0 +1,153 @@
+"""How the inputs of a first spec are played: what makes the steps, and what is played beside them.
+
+One input makes the steps. Inputs of its rate whose messages belong together by their stamps are in
+each step; other inputs keep their own rate between the steps; a map is published once.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Collection, Mapping, Sequence
+from itertools import pairwise
+from typing import Any, Final
+
+from r2bspec.bags.offered_qos import offered_profile
+from r2bspec.bags.recorded_times import TopicTimes
+from r2bspec.bags.recording import TopicInfo
+from r2bspec.language.quantities import Duration
+from r2bspec.language.spec import QoS
+from r2bspec.plan.nearest_stamps import clock_ahead, pair_nearest
+
+_SAME_RATE: Final = 1.2
+"""Rates that differ by more than this factor are different ones."""
+_SELDOM: Final = 10
+"""A latched topic with so many times fewer messages than the input with most is published once."""
+_PAIRED: Final = 0.95
+"""Of the messages, so many have a partner in inputs of the same steps."""
+_MILLISECOND_NS: Final = 1_000_000
+
+
+def lead_of(inputs: Mapping[str, TopicInfo], answered: Collection[str]) -> str:
+    """Return the input that makes the steps; empty without inputs.
+
+    It is one whose messages make a node publish, where that is known, and otherwise the slowest
+    input, because a node that joins inputs has an output for each message of the slowest.
+    """
+    latched = latched_inputs(inputs)
+    moving = [topic for topic in inputs if topic not in latched]
+    candidates = [topic for topic in moving if topic in answered] or moving
+    return min(candidates, key=lambda topic: inputs[topic].rate_hz or math.inf, default="")
+
+
+def latched_inputs(inputs: Mapping[str, TopicInfo]) -> set[str]:
+    """Return the inputs of which one message is enough, such as maps; never all of them."""
+    most = max((info.count for info in inputs.values()), default=0)
+    latched = set()
+    for topic, info in inputs.items():
+        offered = offered_profile(info.qos)
+        seldom = info.count == 1 or (
+            offered is not None
+            and offered.durability == "transient_local"
+            and info.count * _SELDOM < most
+        )
+        if seldom and info.count < most:
+            latched.add(topic)
+    return latched
+
+
+def input_keys(
+    inputs: Mapping[str, TopicInfo], times: Mapping[str, TopicTimes], lead: str
+) -> dict[str, dict[str, Any]]:
+    """Return the keys `rate`, `pairing` and `clock_ahead` of each input that needs them.
+
+    Args:
+        inputs: the recorded topic of each input.
+        times: of the inputs whose stamps were read.
+        lead: the input that makes the steps.
+    """
+    keys: dict[str, dict[str, Any]] = {topic: {} for topic in inputs}
+    latched = latched_inputs(inputs)
+    for topic, info in inputs.items():
+        if topic in latched:
+            keys[topic]["rate"] = "once"
+        elif not _is_same_rate(info.rate_hz, inputs[lead].rate_hz):
+            keys[topic]["rate"] = "recorded"
+    stamped = [topic for topic in times if topic not in latched]
+    right_ns = _right_stamps(keys, {topic: times[topic] for topic in stamped}, lead)
+    for topic in stamped:
+        if topic == lead or lead not in right_ns or "rate" in keys[topic]:
+            continue
+        slop_ns = _slop_ns(right_ns[lead], right_ns[topic]) if topic in right_ns else None
+        if slop_ns is None:
+            keys[topic]["rate"] = "recorded"
+        elif slop_ns:
+            keys[topic]["pairing"] = {"slop": str(Duration(slop_ns))}
+    return keys
+
+
+def _right_stamps(
+    keys: dict[str, dict[str, Any]], times: Mapping[str, TopicTimes], lead: str
+) -> dict[str, list[int]]:
+    """Return the stamps of the inputs that are stamped like the lead, on one clock.
+
+    The key `clock_ahead` is added to inputs whose clock differs.
+    """
+    if lead not in times:
+        return {}
+    alike = {
+        topic: each
+        for topic, each in times.items()
+        if each.recorded_ns and each.never_stamped == times[lead].never_stamped
+    }
+    right_ns = {}
+    recorded_ns = [each.recorded_ns for each in alike.values()]
+    ahead_ns = clock_ahead(recorded_ns, [each.stamps_ns for each in alike.values()], 0)
+    for (topic, each), by_ns in zip(alike.items(), ahead_ns, strict=True):
+        # A tenth of a millisecond is more than enough, and reads better.
+        rounded_ns = round(by_ns, -5)
+        right_ns[topic] = [stamp_ns - rounded_ns for stamp_ns in each.stamps_ns]
+        if rounded_ns:
+            keys[topic]["clock_ahead"] = str(Duration(rounded_ns))
+    return right_ns
+
+
+def _is_same_rate(rate_hz: float, lead_hz: float) -> bool:
+    slower, faster = sorted((rate_hz, lead_hz))
+    return faster <= _SAME_RATE * slower if slower > 0 else rate_hz == lead_hz
+
+
+def _slop_ns(lead_ns: Sequence[int], other_ns: Sequence[int]) -> int | None:
+    """Return by how much stamps of one step differ at most; None if they do not belong together."""
+    gaps = [after - before for before, after in pairwise(lead_ns)]
+    period_ns = round(statistics.median(gaps)) if gaps else 0
+    for allowed_ns in (0, period_ns // 2):
+        pairs = pair_nearest([lead_ns, other_ns], [allowed_ns, allowed_ns])
+        if len(pairs) >= _PAIRED * max(len(lead_ns), len(other_ns)):
+            differences = [abs(lead_ns[one] - other_ns[two]) for one, two in pairs]
+            return math.ceil(max(differences) / _MILLISECOND_NS) * _MILLISECOND_NS
+    return None
+
+
+def input_qos(offered: QoS | None, requested: Collection[QoS]) -> dict[str, Any]:
+    """Return the fields of the profile of an input that are no defaults.
+
+    It is what the recorded publishers offered, as far as the nodes of the graph accept that.
+    """
+    profile, default = offered or QoS(), QoS()
+    changed: dict[str, Any] = {}
+    for name, stronger in (
+        ("reliability", "reliable"),
+        ("durability", "transient_local"),
+        ("liveliness", "manual_by_topic"),
+    ):
+        is_needed = any(getattr(each, name) == stronger for each in requested)
+        word = stronger if is_needed else getattr(profile, name)
+        if word != getattr(default, name):
+            changed[name] = word
+    for name in ("deadline", "lifespan", "lease_duration"):
+        asked = [getattr(each, name) for each in requested] if name != "lifespan" else []
+        limits = [limit.ns for limit in (getattr(profile, name), *asked) if limit is not None]
+        if limits:
+            changed[name] = str(Duration(min(limits)))
+    return changed

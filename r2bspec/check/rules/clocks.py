@@ -1,0 +1,101 @@
+"""Clocks: which one stamps are of, and what publishes the time of a graph on /clock."""
+
+from __future__ import annotations
+
+from r2bspec.check.check_context import Context
+from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
+from r2bspec.diagnostics.diagnostic import Path
+from r2bspec.diagnostics.quote import quote
+from r2bspec.plan.topic_plans import direct_bag_topic
+from r2bspec.plan.wiring.wiring import NodeWiring
+
+_CLOCK = "/clock"
+_CLOCK_PARAMETER = "use_sim_time"
+
+
+@rule("R2B233")
+def clock_without_publisher(context: Context) -> Findings:
+    """Nodes that wait for /clock, which nothing publishes."""
+    if context.spec.playback.clock:
+        return
+    for phase in context.wiring.phases:
+        for node in phase.nodes:
+            place = _clock_setting(context, node)
+            if place is None or phase.publishers(_CLOCK):
+                continue
+            path, key = place
+            # Another node may publish it where its publishers are unknown.
+            certain = all(publisher is node for publisher in phase.possible_publishers)
+            yield Finding(
+                message=f"{node.key} has {quote('use_sim_time: true')} and waits for /clock, "
+                f"which nothing {'' if certain else 'known '}publishes",
+                path=path,
+                key=key,
+                help="remove it, or let a node publish /clock"
+                if context.spec.live
+                else "write 'playback: {clock: true}' to publish it, or remove the parameter",
+                severity=None if certain else "info",
+            )
+
+
+def _clock_setting(context: Context, node: NodeWiring) -> tuple[Path, bool] | None:
+    """Where a node is told to use /clock, and whether the key is meant; None if it is not."""
+    if node.parameters.get(_CLOCK_PARAMETER) is True:
+        path = context.parameter_path(node, _CLOCK_PARAMETER)
+        return (path, False) if path is not None else ((*node.path, "parameters"), True)
+    launch = node.node.launch
+    given = launch.arguments.get(_CLOCK_PARAMETER) if launch is not None else None
+    if str(given).lower() == "true":
+        return (*node.path, "launch", "arguments", _CLOCK_PARAMETER), False
+    return None
+
+
+@rule("R2B243")
+def clock_published_twice(context: Context) -> Findings:
+    """Publishers of /clock besides the harness, or of a time that the stamps are not of."""
+    playback = context.spec.playback
+    stamped = any(played.timestamp == "header" for played in playback.played.values())
+    publishers = context.wiring.measure.publishers(_CLOCK)
+    for publisher in publishers:
+        if playback.clock:
+            message = "'playback: {clock: true}' and this both publish /clock"
+            advice = "keep one of them: nodes that use /clock jump between two clocks"
+        elif publisher.owner == "player" and stamped:
+            message = "the recorded /clock is played, but the stamps are of the time of playing"
+            advice = "write 'playback: {clock: true}' instead, which publishes that time on /clock"
+        else:
+            continue
+        yield Finding(
+            message=message,
+            path=publisher.path,
+            key=publisher.topic_is_key,
+            help=advice,
+            related=(Pointer("published here", ("playback", "clock")),) if playback.clock else (),
+        )
+
+
+@rule("R2B327")
+def stamps_of_another_clock(context: Context) -> Findings:
+    """Recorded stamps that were never set, or are of another clock than the times of recording."""
+    times = context.window_times or {}
+    for name, played in context.spec.playback.played.items():
+        source = context.wiring.topic(played.source)
+        topic = direct_bag_topic(source, context.spec, context.wiring)
+        if topic not in times or times[topic].clock == "same":
+            continue
+        if times[topic].clock == "other" and len(context.spec.playback.played) > 1:
+            # What matters is how the clocks of inputs differ: see R2B415.
+            continue
+        place = ("playback", "inputs", name)
+        is_kept = played.timestamp == "none"
+        yield Finding(
+            message=f"{quote(topic)} {times[topic].clock_text}",
+            path=(*place, "timestamp") if is_kept else place,
+            key=not is_kept,
+            help="without 'timestamp: none' the player writes the time of playing into the headers"
+            if is_kept
+            else "the player writes the time of playing into the headers; with 'playback: {clock: "
+            "true}' nodes with 'use_sim_time' get that time on /clock",
+            severity="warning" if is_kept else None,
+            suppressed_by={value_key(("data_loader", "window"))},
+        )

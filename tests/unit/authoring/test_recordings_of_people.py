@@ -1,0 +1,341 @@
+"""Recordings as people have them: a first spec is valid, and says how each input is played."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
+
+import pytest
+import yaml
+
+from data_bags import START_NS
+from r2bspec.authoring.sources import InitSources, spec_from_sources
+from r2bspec.check import check
+from r2bspec.cli.main import main
+from r2bspec.language.load_spec import load_spec
+from recorded_inputs import (
+    CLOCK,
+    IMAGE,
+    IMU,
+    MAP,
+    MS,
+    POINTS,
+    SCAN,
+    TWIST,
+    Recorded,
+    S,
+    offered,
+    record,
+    series,
+)
+
+_HEAD = """
+import rclpy
+from nav_msgs.msg import OccupancyGrid
+from geometry_msgs.msg import Twist
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, QoSDurabilityPolicy, ReliabilityPolicy, qos_profile_sensor_data
+from sensor_msgs.msg import Image, Imu, LaserScan, PointCloud2
+
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Tested(Node):
+    def __init__(self):
+        super().__init__("tested")
+        self.output = self.create_publisher(LaserScan, "output", 10)
+"""
+_TAIL = """
+    def keep(self, message):
+        self.kept = message
+
+    def answer(self, message):
+        self.send(message)
+
+    def send(self, message):
+        self.output.publish(message)
+"""
+_CLASSES = {SCAN: "LaserScan", IMAGE: "Image", IMU: "Imu", MAP: "OccupancyGrid", TWIST: "Twist"}
+_CLASSES[POINTS] = "PointCloud2"
+
+
+def node(*subscriptions: tuple[str, str, str, str], before: str = "") -> str:
+    """The source of a node with subscriptions: topic, type, callback, QoS."""
+    made = "".join(
+        f"        self.create_subscription({_CLASSES[kind]}, '{topic}', self.{callback}, {qos})\n"
+        for topic, kind, callback, qos in subscriptions
+    )
+    return _HEAD + before + made + _TAIL
+
+
+class First(NamedTuple):
+    """A first spec, and what `validate` says of it: codes and severities."""
+
+    spec: dict[str, Any]
+    text: str
+    findings: list[tuple[str, str]]
+    messages: str
+
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """The inputs without their sources and types."""
+        return {
+            topic: {key: value for key, value in entry.items() if key not in {"from", "format"}}
+            for topic, entry in self.spec["playback"]["inputs"].items()
+        }
+
+
+def first_spec(folder: Path, source: str, bag: str = "./bag") -> First:
+    (folder / "node.py").write_text(source)
+    sources = InitSources(bag=str(folder / bag), node="./node.py:Tested")
+    text = spec_from_sources("tested", folder, sources).text
+    return First(yaml.safe_load(text), text, *found(folder, text))
+
+
+def found(folder: Path, text: str) -> tuple[list[tuple[str, str]], str]:
+    (folder / "tested.r2b.yaml").write_text(text)
+    findings = check(load_spec(folder / "tested.r2b.yaml", environ={}))
+    kept = [each for each in findings if each.code not in {"R2B681", "R2B620"}]
+    return (
+        [(each.code, str(each.severity)) for each in kept],
+        "\n".join(f"{each.message}: {each.help}" for each in kept),
+    )
+
+
+_SCAN_NODE = (("scan", SCAN, "answer", "10"),)
+_FUSION = (("image", IMAGE, "keep", "10"), ("scan", SCAN, "answer", "10"))
+_CLOCK = ("R2B327", "info")
+
+TWO_CAMERAS = [
+    *series("/left/image", IMAGE, 90, 30),
+    *series("/right/image", IMAGE, 90, 30, late_ns=4 * MS, stamp=lambda time_ns: time_ns + 3 * MS),
+    *series("/points", POINTS, 30, 10),
+]
+"""Two cameras without a common trigger, and a lidar."""
+
+
+class Case(NamedTuple):
+    rows: list[Recorded]
+    subscriptions: tuple[tuple[str, str, str, str], ...]
+    inputs: dict[str, dict[str, Any]]
+    findings: tuple[tuple[str, str], ...] = ()
+    rate: str = "10 Hz"
+    profiles: Mapping[str, Any] = MappingProxyType({})
+
+
+CASES: dict[str, Case] = {
+    "stamps never set": Case(
+        series("/scan", SCAN, 40, 10, stamp=lambda _: 0), _SCAN_NODE, {"scan": {}}, (_CLOCK,)
+    ),
+    "stamps of both inputs never set": Case(
+        series("/scan", SCAN, 40, 10, stamp=lambda _: 0)
+        + series("/image", IMAGE, 40, 10, stamp=lambda _: 0, late_ns=7 * MS),
+        _FUSION,
+        {"scan": {}, "image": {}},
+        (_CLOCK, _CLOCK),
+    ),
+    "stamps of one input never set": Case(
+        series("/scan", SCAN, 40, 10)
+        + series("/image", IMAGE, 40, 10, stamp=lambda _: 0, late_ns=7 * MS),
+        _FUSION,
+        {"scan": {}, "image": {"rate": "recorded"}},
+        (_CLOCK,),
+    ),
+    "two machines": Case(
+        series("/scan", SCAN, 40, 10)
+        + series("/image", IMAGE, 40, 10, stamp=lambda time_ns: time_ns + 5 * S, late_ns=7 * MS),
+        _FUSION,
+        {"scan": {}, "image": {"clock_ahead": "5 s"}},
+    ),
+    "two machines, different rates": Case(
+        series("/scan", SCAN, 100, 10)
+        + series("/image", IMAGE, 300, 30, stamp=lambda time_ns: time_ns - 2 * S, late_ns=7 * MS),
+        _FUSION,
+        {"scan": {"clock_ahead": "2 s"}, "image": {"rate": "recorded"}},
+    ),
+    "a camera and an IMU": Case(
+        series("/image", IMAGE, 90, 30) + series("/imu", IMU, 600, 200),
+        (("image", IMAGE, "answer", "10"), ("imu", IMU, "keep", "50")),
+        {"image": {}, "imu": {"rate": "recorded"}},
+        rate="30 Hz",
+    ),
+    "an IMU that makes the node publish": Case(
+        series("/image", IMAGE, 90, 30) + series("/imu", IMU, 600, 200),
+        (("image", IMAGE, "keep", "10"), ("imu", IMU, "answer", "50")),
+        {"image": {"rate": "recorded"}, "imu": {}},
+        rate="200 Hz",
+    ),
+    "two cameras and a lidar": Case(
+        TWO_CAMERAS,
+        (
+            ("left/image", IMAGE, "keep", "10"),
+            ("right/image", IMAGE, "keep", "10"),
+            ("points", POINTS, "answer", "10"),
+        ),
+        {"left/image": {"rate": "recorded"}, "right/image": {"rate": "recorded"}, "points": {}},
+    ),
+    "two cameras without a common trigger": Case(
+        TWO_CAMERAS,
+        (("left/image", IMAGE, "answer", "10"), ("right/image", IMAGE, "keep", "10")),
+        {"left/image": {}, "right/image": {"pairing": {"slop": "3 ms"}}},
+        rate="30 Hz",
+    ),
+    "a map and scans": Case(
+        series("/map", MAP, 1, 10, start_ns=START_NS - 1000) + series("/scan", SCAN, 40, 10),
+        (("map", MAP, "keep", "LATCHED"), *_SCAN_NODE),
+        {"map": {"rate": "once"}, "scan": {}},
+        profiles={"/map": offered(durability="TRANSIENT_LOCAL")},
+    ),
+    "commands without a header": Case(
+        series("/scan", SCAN, 40, 10) + series("/cmd_vel", TWIST, 80, 20),
+        (*_SCAN_NODE, ("cmd_vel", TWIST, "keep", "10")),
+        {"scan": {}, "cmd_vel": {"rate": "recorded"}},
+    ),
+    "a profile that the node accepts": Case(
+        series("/scan", SCAN, 40, 10),
+        (("scan", SCAN, "answer", "qos_profile_sensor_data"),),
+        {"scan": {"qos": {"reliability": "best_effort"}}},
+        profiles={"/scan": offered("BEST_EFFORT")},
+    ),
+    "a profile that the node does not accept": Case(
+        series("/scan", SCAN, 40, 10),
+        (("scan", SCAN, "answer", "LATCHED"),),
+        {"scan": {"qos": {"durability": "transient_local"}}},
+        profiles={"/scan": offered("BEST_EFFORT", "TRANSIENT_LOCAL")},
+    ),
+    "a deadline": Case(
+        series("/scan", SCAN, 40, 10),
+        (("scan", SCAN, "answer", "QoSProfile(depth=1, deadline=Duration(seconds=0.2))"),),
+        {"scan": {"qos": {"deadline": "200 ms"}}},
+    ),
+    "a simulated clock": Case(
+        series("/scan", SCAN, 40, 10, stamp=lambda time_ns: time_ns - START_NS + 12_300 * MS)
+        + series("/clock", CLOCK, 400, 100, stamp=lambda time_ns: time_ns - START_NS),
+        _SCAN_NODE,
+        {"scan": {}},
+        (_CLOCK,),
+    ),
+}
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+@pytest.mark.parametrize("name", CASES)
+def test_a_first_spec_plays_a_recording_as_it_is(
+    tmp_path: Path, name: str, storage: Literal["sqlite3", "mcap"]
+) -> None:
+    case = CASES[name]
+    record(tmp_path / "bag", case.rows, case.profiles, storage)
+    first = first_spec(tmp_path, node(*case.subscriptions))
+    assert (first.inputs, first.findings) == (case.inputs, [*case.findings]), first.text
+    assert first.spec["benchmark"]["rates"] == [case.rate]
+    assert first.spec["slos"]["keeps_up"]["at"] == case.rate
+
+
+def test_a_map_is_played_from_before_the_window(tmp_path: Path) -> None:
+    rows = series("/map", MAP, 1, 10) + series("/scan", SCAN, 40, 10, start_ns=START_NS + S)
+    record(tmp_path / "bag", rows)
+    first = first_spec(tmp_path, node(("map", MAP, "keep", "10"), *_SCAN_NODE))
+    windowed = first.text.replace("  topics:", "  window: {start: 2 s}\n  topics:", 1)
+    assert found(tmp_path, windowed)[0] == []
+    stepped = windowed.replace(", rate: once", "")
+    findings, messages = found(tmp_path, stepped)
+    assert ("R2B321", "error") in findings
+    assert "'rate: once'" in messages
+
+
+def test_an_input_with_one_message_is_no_input_of_steps(tmp_path: Path) -> None:
+    rows = series("/map", MAP, 1, 10, start_ns=START_NS - 1000) + series("/scan", SCAN, 40, 10)
+    record(tmp_path / "bag", rows)
+    first = first_spec(tmp_path, node(("map", MAP, "keep", "10"), *_SCAN_NODE))
+    findings, messages = found(tmp_path, first.text.replace(", rate: once", ""))
+    assert ("R2B415", "error") in findings
+    assert "write 'rate: once' for map" in messages
+
+
+def test_a_timeline_whose_steps_never_have_all_inputs_is_refused(tmp_path: Path) -> None:
+    record(tmp_path / "bag", CASES["a camera and an IMU"].rows[1:])
+    first = first_spec(tmp_path, node(*CASES["a camera and an IMU"].subscriptions))
+    late = first.text.replace(", rate: recorded", "").replace(
+        "playback:", "playback:\n  mode: timeline\n  timeline: {translations: {imu: 1 ms}}"
+    )
+    late = late.replace("  rates: [30 Hz]", "").replace("    at: 30 Hz", "")
+    findings, messages = found(tmp_path, late)
+    assert ("R2B658", "error") in findings
+    assert "write 'answers: [image]'" in messages
+
+
+@pytest.mark.parametrize(
+    ("before", "argument"),
+    [
+        ("", "QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)"),
+        ("", "LATCHED"),
+        ("        qos = LATCHED\n", "qos"),
+        (
+            (
+                "        self.qos = QoSProfile(depth=1)\n"
+                "        self.qos.durability = QoSDurabilityPolicy.TRANSIENT_LOCAL\n"
+            ),
+            "self.qos",
+        ),
+    ],
+    ids=["inline", "constant", "variable", "attribute, changed"],
+)
+def test_a_profile_in_the_source_is_compared_with_what_is_played(
+    tmp_path: Path, before: str, argument: str
+) -> None:
+    record(tmp_path / "bag", series("/scan", SCAN, 40, 10))
+    first = first_spec(tmp_path, node(("scan", SCAN, "answer", argument), before=before))
+    assert first.findings == []
+    lines = first.text.splitlines()
+    volatile = "\n".join(line for line in lines if "durability" not in line)
+    findings, messages = found(tmp_path, volatile.replace(", qos: {", ", qos: {}"))
+    assert findings == [("R2B216", "error")]
+    assert "requests durability 'transient_local'" in messages
+
+
+@pytest.mark.parametrize("edit", ["inputs", "publisher", "clock"])
+def test_clock_has_one_publisher_of_the_time_of_the_stamps(tmp_path: Path, edit: str) -> None:
+    rows = series("/scan", SCAN, 40, 10) + series("/clock", CLOCK, 400, 100)
+    record(tmp_path / "bag", rows)
+    text = first_spec(tmp_path, node(*_SCAN_NODE)).text
+    if edit != "publisher":
+        played = "/clock: {from: recorded/clock, format: rosgraph_msgs/msg/Clock, rate: recorded}"
+        text = text.replace("  topics:\n", "  topics:\n    /clock: recorded/clock\n", 1)
+        text = text.replace("  inputs:\n", f"  inputs:\n    {played}\n", 1)
+    else:
+        publishes = "publishes: {/clock: rosgraph_msgs/msg/Clock}"
+        other = f"    other: {{command: [sh, ./x.sh], {publishes}}}\n"
+        text = text.replace("  nodes:\n", f"  nodes:\n{other}", 1)
+    if edit != "inputs":
+        text = text.replace("playback:\n", "playback:\n  clock: true\n", 1)
+    assert ("R2B243", "error") in found(tmp_path, text)[0]
+
+
+@pytest.mark.parametrize(
+    ("rows", "line"),
+    [
+        (CASES["stamps never set"].rows, "/scan was never stamped: all of its 40 stamps are 0."),
+        (
+            CASES["two machines"].rows,
+            "/image has stamps that are 4.993 s ahead of the times of recording.",
+        ),
+        (
+            CASES["a simulated clock"].rows,
+            "/scan is stamped by a simulated clock, from 12.3 s.",
+        ),
+        (
+            series("/scan", SCAN, 9, 10, start_ns=12_300 * MS),
+            "/scan is stamped and recorded by a simulated clock, from 12.3 s.",
+        ),
+    ],
+    ids=["unset", "offset", "simulated", "simulated and recorded"],
+)
+def test_data_info_says_which_clock_stamps_are_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], rows: list[Recorded], line: str
+) -> None:
+    bag = record(tmp_path / "bag", rows)
+    main(["data", "info", str(bag)])
+    assert line in capsys.readouterr().out
