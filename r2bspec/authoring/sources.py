@@ -24,6 +24,7 @@ from r2bspec.bags.recorded_parts import find_parts
 from r2bspec.datasets.catalogue import index, locate
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.execute.processes.prerequisites import domain_of_user
 from r2bspec.interop.spec_text import Block, flow, identifier, unique_name
 from r2bspec.language.spec import Node
 from r2bspec.language.templates import node_key
@@ -254,6 +255,7 @@ def inspect_graph(timeout_s: float) -> list[dict[str, Any]]:
             hint="Source ROS 2, or describe the nodes with --from-launch or --node.",
             code="R2B620",
         )
+    domain_of_user()
     with temporary_folder("graph") as scratch:
         target = scratch / "graph.json"
         words = [sys.executable, "-P", "-m", "r2bspec.harness.inspect_nodes"]

@@ -17,6 +17,7 @@ from r2bspec.datasets.catalogue import CACHE_KIND
 from r2bspec.doctor.checkup import CheckResult, Status, System, advised, read_int, read_text
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import MessageTransport, Middleware, middleware_of
+from r2bspec.plan.this_machine import cpu_quota
 from r2bspec.safe_io.cache_folder import cache_path
 
 _PROCESSOR = "processor"
@@ -38,7 +39,7 @@ def check_processor(
 
 def _cores(system: System) -> CheckResult:
     cores = len(os.sched_getaffinity(0))
-    quota = _quota(system)
+    quota = cpu_quota(system.proc, system.sys)
     text, advice = f"{cores}", ""
     if quota is not None and quota < cores:
         text = f"{cores}, limited to the CPU time of {quota:g} by a control group"
@@ -52,15 +53,6 @@ def _cores(system: System) -> CheckResult:
             "only with each other"
         )
     return advised(_PROCESSOR, "cores", text, advice, {"cores": cores, "quota": quota})
-
-
-def _quota(system: System) -> float | None:
-    """The CPU time that the control group allows, in cores; None for no limit."""
-    text = read_text(system.sys / "fs/cgroup/cpu.max")
-    words = text.split() if text else []
-    if len(words) != 2 or not all(word.isdigit() for word in words):
-        return None
-    return int(words[0]) / int(words[1])
 
 
 def _governor(system: System) -> CheckResult:

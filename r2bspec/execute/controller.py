@@ -246,8 +246,12 @@ class _Run:
         self._prepare()
         # External nodes are in the domain of the user.
         external = self._plan.external
-        domain = prerequisites.own_domain if external else prerequisites.reserved_domain
-        with domain() as self._domain:
+        domain = (
+            contextlib.nullcontext(prerequisites.domain_of_user())
+            if external
+            else prerequisites.reserved_domain()
+        )
+        with domain as self._domain:
             self._set_up()
             self._fill_buffers()
             try:

@@ -201,6 +201,12 @@ class WorkspaceError(CertainRunError):
     way_out = "Give a setup.bash, local_setup.bash or setup.sh that bash can source."
 
 
+class DomainError(CertainRunError):
+    """ROS_DOMAIN_ID is no number that a domain may have."""
+
+    code = "R2B655"
+
+
 class ProfilerError(CertainRunError):
     """The profiler is not installed, or may not observe processes."""
 

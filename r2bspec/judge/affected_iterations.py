@@ -152,7 +152,7 @@ def best_case_iteration(one: SegmentSamples) -> SegmentSamples:
 
 
 def _best_case_samples(one: SegmentSamples, seen: MonitorSamples, taken: float) -> MonitorSamples:
-    if seen.own_pace:
+    if seen.kind != "answers":
         return seen.shortened(taken)
     published_ns, most_hz = seen.outputs["published_ns"], one.playback.rate_hz * seen.per_step
     latency_ns = np.where(

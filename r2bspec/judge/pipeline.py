@@ -366,10 +366,10 @@ def _without_iterations(case: RequirementCase) -> Decision | None:
         return undecided(
             f"No complete iteration was played{at}.", "Run the spec of this objective to its end."
         )
-    own_pace = any(one.own_pace for one in case.monitor_samples)
-    if own_pace and not case.iterations[0].live and not case.info.metric.at_own_pace:
-        name, monitor = case.info.name, case.monitor
-        return undecided(f"{name} is unknown at monitor '{monitor}': its outputs answer no input.")
+    kinds = {one.kind for one in case.monitor_samples if one.kind != "live"}
+    if not all(map(case.info.metric.known_of, kinds)):
+        why = "inputs have any number of outputs" if "any" in kinds else "outputs answer no input"
+        return undecided(f"{case.info.name} is unknown at monitor '{case.monitor}': {why}.")
     return None
 
 

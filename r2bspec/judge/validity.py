@@ -103,8 +103,10 @@ def _surplus(name: str, seen: MonitorSamples) -> Problem | None:
         return None
     received = show(seen.expected + seen.surplus, "count")
     remedy = "Set the ratio of the monitor to what its node publishes, or match by stamp."
+    text = seen.fitting_match
     if seen.own_period_s is not None:
         text = own_pace_text(seen.own_period_s)
+    if text:
         remedy = f"{text[0].upper()}{text[1:]}"
     return Problem(
         f"Monitor '{name}' received {received} outputs for {show(seen.sent, 'count')} inputs, and "

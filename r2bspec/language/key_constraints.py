@@ -64,7 +64,7 @@ def key_constraint_errors(
             )
     yield from _playback(document)
     yield from _harness(document)
-    yield from _own_pace(document)
+    yield from _uncounted_outputs(document)
     yield from _transport(document)
     yield from _benchmark(document)
     yield from _conditions(document)
@@ -393,18 +393,24 @@ def _harness(document: _Document) -> Iterator[Diagnostic]:
     )
 
 
-def _own_pace(document: _Document) -> Iterator[Diagnostic]:
-    """Of outputs that answer no input no number is expected, and none leads to an input."""
-    yield from document.without_effect(
-        [
-            (*path, key)
-            for path, _ in document.entries(("monitors",))
-            if document.word(*path, "match") == "own_pace"
-            for key in ("ratio", "taps")
-        ],
-        " with 'match: own_pace': its outputs answer no input",
-        "remove '{key}', or match by stamp or by order",
-    )
+def _uncounted_outputs(document: _Document) -> Iterator[Diagnostic]:
+    """Where no number of outputs is expected there is no ratio; a timer has no path of stamps."""
+    kinds = {
+        "own_pace": (("ratio", "taps"), "its outputs answer no input"),
+        "any": (("ratio",), "an input may have any number of outputs"),
+    }
+    for match, (keys, why) in kinds.items():
+        monitors = [path for path, _ in document.entries(("monitors",))]
+        yield from document.without_effect(
+            [
+                (*path, key)
+                for path in monitors
+                if document.word(*path, "match") == match
+                for key in keys
+            ],
+            f" with 'match: {match}': {why}",
+            "remove '{key}', or match by stamp or by order",
+        )
 
 
 def _transport(document: _Document) -> Iterator[Diagnostic]:

@@ -359,6 +359,9 @@ class Ratio(Record, frozen=True, kw_only=True):
     outputs: Annotated[int, key(3, minimum=1)] = 1
 
 
+Match = Literal["stamp", "order", "any", "own_pace"]
+
+
 class MonitorSettings(Record, frozen=True, kw_only=True):
     """How a topic is monitored: keys of `monitors` that the plan has as they are.
 
@@ -366,20 +369,26 @@ class MonitorSettings(Record, frozen=True, kw_only=True):
     once.
 
     Attributes:
-        match: How outputs are matched to inputs: by the stamp in the header, by order, or with
-            own_pace not at all, for outputs of a timer.
+        match: How outputs are matched to inputs: by the stamp in the header, by order, by the stamp
+            with any number of outputs of an input, or with own_pace not at all, for outputs of a
+            timer.
         qos: The profile of the subscription, or its name; default: the profile of the publisher.
         label: The name in reports.
     """
 
-    match: Literal["stamp", "order", "own_pace"] = "stamp"
+    match: Match = "stamp"
     qos: QoS | None = None
     label: Annotated[str, key("Tag detections")] = ""
 
     @property
     def own_pace(self) -> bool:
-        """Whether its messages answer no input, so that no number of them is expected."""
+        """Whether its messages answer no input."""
         return self.match == "own_pace"
+
+    @property
+    def counts_answers(self) -> bool:
+        """Whether a known number of messages is expected of inputs."""
+        return self.match in {"stamp", "order"}
 
 
 class Monitor(MonitorSettings, frozen=True, kw_only=True):

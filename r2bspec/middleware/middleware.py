@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import r2bspec.middleware
 
@@ -25,6 +25,53 @@ PROC = Path("/proc")
 
 HOST_ONLY = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 """How ROS 2 itself, from Iron on, says that nodes discover those of this host only."""
+
+
+DISCOVERY_VARIABLES: Final = (
+    "ROS_DISCOVERY_SERVER",
+    "ROS_SUPER_CLIENT",
+    "ROS_STATIC_PEERS",
+    "ROS_LOCALHOST_ONLY",
+    "FASTDDS_ENVIRONMENT_FILE",
+)
+"""By these, nodes ask a server, other hosts or this host alone for each other. Processes of a run
+inherit them only where the spec names them."""
+
+_SET_BY_RUNS: Final = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "RMW_IMPLEMENTATION")
+"""A node for which the spec sets one of these differently may never meet the others."""
+
+
+def discovery_settings(
+    environ: Mapping[str, str],
+    transport: TransportKind,
+    named: Collection[str],
+    of_processes: Mapping[str, Iterable[str]],
+) -> str:
+    """Return what keeps processes of a run from discovering each other, as a sentence.
+
+    Args:
+        environ: of r2bspec.
+        transport: of the run; all but `inherit` have a configuration of their own.
+        named: the variables that the spec passes on.
+        of_processes: those that it sets for single processes.
+
+    Returns:
+        Empty if no variable changes the discovery.
+    """
+    overrides = middleware_of(environ).override_variables if transport == "inherit" else ()
+    passed = [name for name in DISCOVERY_VARIABLES if name in named and environ.get(name)]
+    passed += [name for name in overrides if environ.get(name)]
+    changes = {*DISCOVERY_VARIABLES, *_SET_BY_RUNS, *overrides}
+    passed += [
+        f"{name} (of {process})"
+        for process, names in of_processes.items()
+        for name in names
+        if name in changes
+    ]
+    if not passed:
+        return ""
+    verb = "changes" if len(passed) == 1 else "change"
+    return f"{', '.join(passed)} {verb} which nodes discover each other: run without"
 
 
 @dataclass(frozen=True)
@@ -62,8 +109,6 @@ class Middleware:
             run inherit.
         override_variables: those of them that can let discovery leave the host, where the user
             sets them: what they say has priority over what a run sets.
-        removed_variables: variables of ROS 2 that processes of a run do not inherit: they would
-            override the discovery range, or name other hosts.
         distributions: the Python distributions whose versions a run records.
         socket_buffers: what its sockets ask for.
         exit_in_turn_s: for how long at most the processes of a run are ended one by one, each
@@ -79,7 +124,6 @@ class Middleware:
     transports: tuple[TransportKind, ...] = ("inherit",)
     variables: tuple[str, ...] = ()
     override_variables: tuple[str, ...] = ()
-    removed_variables: tuple[str, ...] = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS")
     distributions: tuple[str, ...] = ()
     socket_buffers = SocketBuffers()
     exit_in_turn_s: float = 0.0

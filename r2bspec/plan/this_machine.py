@@ -5,6 +5,7 @@ It is read without importing or starting anything.
 
 from __future__ import annotations
 
+import contextlib
 import fnmatch
 import importlib.util
 import os
@@ -50,6 +51,7 @@ class MachineFacts(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         arch: as the kernel calls it, such as ``aarch64``.
         cores: CPUs that a process may use.
+        cpu_quota: the CPU time that control groups allow, in cores; None without a limit.
         gpus: their names.
         ros_distro: empty if none is installed.
         labels: given by the owner of the machine.
@@ -57,6 +59,7 @@ class MachineFacts(msgspec.Struct, frozen=True, kw_only=True):
 
     arch: str = ""
     cores: int = 0
+    cpu_quota: float | None = None
     gpus: tuple[str, ...] = ()
     ros_distro: str = ""
     labels: dict[str, str] = {}
@@ -84,10 +87,54 @@ def this_machine() -> MachineFacts:
     return MachineFacts(
         arch=os.uname().machine,
         cores=len(os.sched_getaffinity(0)),
+        cpu_quota=cpu_quota(),
         gpus=gpus(),
         ros_distro=ros_distro(),
         labels=labels_of(os.environ.get(LABELS_VARIABLE) or ""),
     )
+
+
+def control_groups(proc: Path, sys: Path) -> Iterator[Path]:
+    """Yield the group that limits the CPU time of this process, and the groups that contain it.
+
+    In a container, paths may begin at a root outside of it; the mounted group is then the group
+    of the container.
+    """
+    with contextlib.suppress(OSError):
+        for line in (proc / "self/cgroup").read_text().splitlines():
+            _, controllers, group = line.split(":", 2)
+            # In version 2, a group has no controllers here.
+            if not controllers or "cpu" in controllers.split(","):
+                mount = sys / "fs/cgroup" / controllers
+                if not mount.is_dir():
+                    mount = sys / "fs/cgroup/cpu"
+                path = mount / group.lstrip("/")
+                for folder in (path, *path.parents):
+                    if folder.is_relative_to(mount) and folder.is_dir():
+                        yield folder
+
+
+def cpu_quota(proc: Path = Path("/proc"), sys: Path = Path("/sys")) -> float | None:
+    """Return the CPU time that control groups of either version allow, in cores; None for all.
+
+    Groups nest: the least limit counts.
+    """
+    limits = []
+    for group in control_groups(proc, sys):
+        text = _text(group / "cpu.max")
+        text = text or f"{_text(group / 'cpu.cfs_quota_us')} {_text(group / 'cpu.cfs_period_us')}"
+        quota, _, period = text.strip().partition(" ")
+        # Without a limit, the quota is "max", or -1 in version 1.
+        if quota.isdigit() and period.isdigit() and int(period):
+            limits.append(int(quota) / int(period))
+    return min(limits, default=None)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except OSError:
+        return ""
 
 
 def gpus() -> tuple[str, ...]:
@@ -175,6 +222,11 @@ def _unmet(requires: Requires, machine: MachineFacts) -> Iterator[str]:
         yield f"its architecture is {machine.arch}, not {requires.arch}"
     if requires.cores > machine.cores:
         yield f"it has {pluralize(machine.cores, 'core')}, not {requires.cores}"
+    elif machine.cpu_quota is not None and requires.cores > machine.cpu_quota:
+        yield (
+            f"a control group allows the CPU time of {machine.cpu_quota:g} cores, not of "
+            f"{requires.cores}"
+        )
     if requires.ros_distro and requires.ros_distro != machine.ros_distro:
         have = f"it has ROS {machine.ros_distro}" if machine.ros_distro else "it has no ROS"
         yield f"{have}, not {requires.ros_distro}"

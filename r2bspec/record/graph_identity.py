@@ -223,7 +223,14 @@ def _name(path: str) -> str:
     return PurePosixPath(path).name
 
 
-MACHINE_FACTS: Final = ("architecture", "cpu", "cores", "gpus", "cpu_governor")
+MACHINE_FACTS: Final = (
+    "architecture",
+    "cpu",
+    "cores",
+    "cpu_quota",
+    "gpus",
+    "cpu_governor",
+)
 """The facts that determine the speed of a machine and are constant over time. They do not include
 the host name: machines of one kind are interchangeable, as in a pool of CI runners."""
 

@@ -351,6 +351,8 @@ def _message_anomalies(result: Result) -> Iterator[str]:
                 )
                 yield f"{where}: {own_pace_text(seen.own_period_s, 1 / hz if hz else 0.0)}"
                 continue
+            if seen.fitting_match:
+                yield f"{where}: {seen.fitting_match}"
             sent = seen.count("sent")
             if seen.is_expected and seen.expected != sent:
                 inputs, outputs = show(sent, "count"), show(seen.expected, "count")

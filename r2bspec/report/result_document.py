@@ -114,10 +114,11 @@ def _lead(result: Result) -> Iterator[str]:
 
 
 def _facts(result: Result) -> Iterator[str]:
-    cores = result.machine.get("cores")
+    cores, quota = result.machine.get("cores"), result.machine.get("cpu_quota")
     facts = (
         str(result.machine.get("cpu") or ""),
         f"{cores} cores" if cores else "",
+        f"limited to the CPU time of {quota:g}" if quota else "",
         wording.loaded_rmw(result),
         str(result.dataset.get("source") or ""),
         wording.code_text(result),
@@ -332,6 +333,8 @@ def _summary_table(title: str, rows: Sequence[Measured]) -> Table:
     outputs: Outputs = "answers"
     if not all(row.seen.is_expected for row in rows):
         outputs = "live" if any(row.rate.pace == "source" for row in rows) else "own pace"
+        if all(row.seen.values.get("sent") is not None for row in rows):
+            outputs = "any"
     family = "age" if outputs == "own pace" else "latency"
     chosen = summary_metrics(outputs)
     columns = (

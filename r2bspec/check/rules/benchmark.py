@@ -25,10 +25,11 @@ from r2bspec.plan.interim_looks import InterimLooks
 def rate_without_effect(context: Context) -> Findings:
     """Rates and searches in playback modes without a selectable rate."""
     monitors = context.spec.monitors.values()
-    if context.spec.benchmark.search and monitors and all(monitor.own_pace for monitor in monitors):
+    countable = any(monitor.counts_answers for monitor in monitors)
+    if context.spec.benchmark.search and monitors and not countable:
         yield Finding(
-            message="'search' has no effect: every monitor has 'match: own_pace', and outputs that "
-            "answer no input have no backlog",
+            message="'search' has no effect: no monitor expects a number of outputs, without which "
+            "no backlog is known",
             path=("benchmark", "search"),
             key=True,
             help="remove it, or add a monitor that matches by stamp or by order",
@@ -211,7 +212,7 @@ def too_few_messages(context: Context) -> Findings:
         max_share = max_wrong_share(metric)
         if metric.role != "objective" or metric.at is None or max_share is None:
             continue
-        if any(each.own_pace for each in _monitors_of(metric, context)):
+        if not all(each.counts_answers for each in _monitors_of(metric, context)):
             # How many messages come is not known.
             continue
         needed = min_sample_size(max_share, _last_confidence(context, metric.confidence))

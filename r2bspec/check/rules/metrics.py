@@ -8,7 +8,7 @@ from r2bspec.bags.message_types import begins_with_header
 from r2bspec.check.check_context import Context, KnownMetric
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
 from r2bspec.diagnostics.quote import quote, quoted_list, suggestion
-from r2bspec.judge.measure.metric import Metric, Scope
+from r2bspec.judge.measure.metric import Metric, Outputs, Scope
 from r2bspec.judge.measure.metric_catalogue import MetricError, series_with
 
 
@@ -136,7 +136,7 @@ _PROBE_STATISTICS = ("search", "sequential")
 def metric_unavailable(context: Context) -> Findings:
     """Requirements on metrics that the playback mode or the monitor does not provide."""
     for metric in context.known_metrics:
-        problem = _why_unavailable_at_own_pace(context, metric)
+        problem = _why_unavailable_at_monitor(context, metric)
         if problem is None and context.spec.has_own_rate:
             problem = _why_unavailable(context, metric)
         if problem is not None:
@@ -149,30 +149,40 @@ def metric_unavailable(context: Context) -> Findings:
             )
 
 
-def _why_unavailable_at_own_pace(context: Context, metric: KnownMetric) -> tuple[str, str] | None:
-    """Message and help; None if no monitor with a pace of its own stands in the way."""
+def _why_unavailable_at_monitor(context: Context, metric: KnownMetric) -> tuple[str, str] | None:
+    """Message and help; None if the metric is known of the outputs of its monitors."""
     name = quote(metric.info.name)
-    paces = {each: monitor.own_pace for each, monitor in context.spec.monitors.items()}
-    if metric.info.scope is Scope.PROBE and paces and all(paces.values()):
+    monitors = context.spec.monitors
+    uncounted: dict[str, Outputs] = {
+        each: "own pace" if monitor.own_pace else "any"
+        for each, monitor in monitors.items()
+        if not monitor.counts_answers
+    }
+    if metric.info.scope is Scope.PROBE and uncounted and len(uncounted) == len(monitors):
         return (
-            f"{name} needs outputs that answer inputs, and every monitor has 'match: own_pace'",
+            f"{name} needs a known number of outputs for each input, and no monitor expects it",
             "add a monitor that matches by stamp or by order",
         )
-    named = [metric.monitor] if metric.monitor else paces
-    # Answers of calls have no pace.
-    found = next((each for each in named if paces.get(each)), None)
+    # Answers of calls are counted.
+    named = [metric.monitor] if metric.monitor else uncounted
+    found = next((each for each in named if each in uncounted), None)
     if metric.info.scope is not Scope.MONITOR or found is None:
         return None
+    kind = uncounted[found]
     bound = metric.requirement.bound
     if bound is not None and bound.of_offered:
+        why = "has a pace of its own" if kind == "own pace" else "may have any number of outputs"
         return (
-            f"monitor {found} has a pace of its own: {name} cannot be 'of offered'",
+            f"monitor {found} {why}: {name} cannot be 'of offered'",
             "write the bound as a rate",
         )
-    if not metric.info.metric.at_own_pace:
+    if not metric.info.metric.known_of(kind):
+        why = "whose outputs answer no input"
+        if kind == "any":
+            why = "which expects no number of outputs"
         return (
-            f"{name} is not available at monitor {found}, whose outputs answer no input",
-            f"use {_listed(lambda metric: metric.at_own_pace)}, or name another monitor",
+            f"{name} is not available at monitor {found}, {why}",
+            f"use {_listed(lambda metric: metric.known_of(kind))}, or name another monitor",
         )
     return None
 

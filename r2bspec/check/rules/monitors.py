@@ -36,7 +36,8 @@ def monitor_without_header(context: Context) -> Findings:
     """Monitors that match by stamp, of messages without a header."""
     for name, monitor in context.spec.monitors.items():
         path = ("monitors", name)
-        if monitor.match == "stamp" and begins_with_header(monitor.format) is False:
+        by_stamp = monitor.match in {"stamp", "any"}
+        if by_stamp and begins_with_header(monitor.format) is False:
             yield Finding(
                 message=f"monitor {name} matches by stamp, but {monitor.format} has no header",
                 path=(*path, "format"),
@@ -55,7 +56,7 @@ def inputs_without_stamp(context: Context) -> Findings:
     first, played = next(iter(context.spec.playback.played.items()))
     headerless = played.timestamp == "header"
     for name, monitor in context.spec.monitors.items():
-        if monitor.match == "stamp":
+        if monitor.match in {"stamp", "any"}:
             yield Finding(
                 message=f"monitor {name} matches by stamp, but the player stamps no playback input",
                 path=("monitors", name),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import msgspec
 
@@ -50,13 +50,15 @@ def parameter_undeclared(context: Context) -> Findings:
         if declared is None:
             continue
         for override in parameter_overrides(context, node):
-            # A parameter file may contain parameters of other nodes.
-            if override.name in declared or override.file or is_node_parameter(override.name):
+            # A parameter file may contain parameters of other nodes, below a name for several.
+            is_meant = not override.file or override.of_one
+            if override.name in declared or not is_meant or is_node_parameter(override.name):
                 continue
+            where = f", which {quote(override.file)} sets" if override.file else ""
             finding = Finding(
-                message=f"{node.key} declares no parameter {quote(override.name)}",
+                message=f"{node.key} declares no parameter {quote(override.name)}{where}",
                 path=override.path,
-                key=True,
+                key=not override.file,
                 help=suggestion(override.name, declared, "its parameters"),
             )
             yield _with_source(context, node, finding)
@@ -96,12 +98,30 @@ def _type_finding(
         path=path,
         help=f"write {fixed}; ROS does not convert integers to doubles"
         if fixed
-        else "remove the quotes"
-        if given == "string" and declared.type in {"integer", "double", "bool"}
+        else _help_of_text(str(value), declared.type)
+        if given == "string"
         else "",
         replacement=None if override.file else fixed,
         suppresses={value_key(path)},
     )
+
+
+_READERS: dict[str, tuple[Callable[[str], object], str]] = {
+    "integer": (int, "an integer, such as 2"),
+    "double": (float, "a double, such as 2.0"),
+    "bool": ({"true": True, "false": False}.__getitem__, "true or false"),
+}
+
+
+def _help_of_text(text: str, declared: str) -> str:
+    """Return what to write instead of a text."""
+    if declared not in _READERS:
+        return ""
+    read, example = _READERS[declared]
+    try:
+        return f"remove the quotes: {str(read(text)).lower()}"
+    except (ValueError, KeyError):
+        return f"write {example}"
 
 
 @rule("R2B213")
@@ -141,12 +161,15 @@ def parameter_file_unusable(context: Context) -> Findings:
     """Parameter files that do not exist or that ROS cannot load."""
     for _, node in context.nodes:
         for path, name, file in parameter_files(context, node):
-            if not file.problem:
+            problem = file.problem
+            if file.flat and node.node.kind.name != "plugin":
+                problem = "names no node; only a component may have such a file"
+            if not problem:
                 continue
             yield Finding(
                 message=f"parameter file {quote(name)} not found"
                 if file.missing
-                else f"parameter file {quote(name)} {file.problem}",
+                else f"parameter file {quote(name)} {problem}",
                 path=path,
                 help=f"paths are relative to the folder of the spec ({context.loaded.base_dir})"
                 if file.missing
@@ -219,29 +242,30 @@ class ParameterOverride(msgspec.Struct, frozen=True):
     Attributes:
         path: the value in the spec, or the reference to the parameter file.
         file: the parameter file; empty if the spec sets the parameter.
+        of_one: whether the file has it for this node alone.
     """
 
     name: str
     value: ParameterValue
     path: Path
     file: str = ""
+    of_one: bool = False
 
 
 def parameter_overrides(context: Context, node: NodeWiring) -> Iterator[ParameterOverride]:
     """The effective parameters of a node, each with the place that sets it."""
     files = [
-        (path, name, file.names)
-        for path, name, file in parameter_files(context, node)
-        if file.names
+        (path, name, file) for path, name, file in parameter_files(context, node) if file.names
     ]
     for name, value in node.parameters.items():
         path = context.parameter_path(node, name)
         if path is not None and name in node.node.parameters:
             yield ParameterOverride(name, value, path)
             continue
-        for place, file, names in files:
-            if name in names:
-                yield ParameterOverride(name, value, place, file)
+        for place, file_name, file in files:
+            if name in file.names:
+                of_one = name in file.names_of_one(node.name)
+                yield ParameterOverride(name, value, place, file_name, of_one)
                 break
 
 

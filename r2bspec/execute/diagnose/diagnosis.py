@@ -8,6 +8,7 @@ are idle (`r2bspec.execute.bringup.readiness`), is stalled.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
@@ -28,6 +29,7 @@ from r2bspec.execute.diagnose import first_fault
 from r2bspec.execute.diagnose.facts import GraphFacts, GraphObserver
 from r2bspec.execute.errors import GraphDifferencesError, NotReadyError, RunError
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
+from r2bspec.middleware.middleware import discovery_settings
 from r2bspec.plan.command_lines import has_planned_name
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.wiring.name_resolution import expand
@@ -156,6 +158,15 @@ class PhaseGraph:
             head = f"{state}: {left.removeprefix('; ')}" if left else state
             return "\n".join([head, *first_fault.path_lines(facts, path)])
 
+        env = {process.name: process.env for process in self.plan.processes_in(self.phase)}
+        if settings := discovery_settings(
+            os.environ, self.plan.transport, self.plan.environment, env
+        ):
+            differences = tuple(
+                msgspec.structs.replace(each, help=f"{settings}. {each.help}".rstrip(" ."))
+                for each in differences
+            )
+            hint = f"{settings[0].upper()}{settings[1:]}. {hint}"
         if not differences:
             return otherwise(text(), hint=waiting[0].difference.help if waiting else hint)
         details = text({difference.message for difference in differences})

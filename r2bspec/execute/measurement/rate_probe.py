@@ -241,7 +241,7 @@ class RateProber:
                 observation.now_ns,
             )
             for plan in self._plan.monitors
-            if not plan.own_pace
+            if plan.counts_answers
         ]
 
     def _check_conditions(

@@ -160,7 +160,7 @@ def _play_alone(player: SegmentPlayer, play: PlayPlan) -> None:
 
 
 def _latencies_s(matched: MatchedMonitor) -> Seconds:
-    if matched.own_pace:
+    if matched.match == "own_pace":
         return np.empty(0)
     matching, steps = matched.matching, matched.steps
     received_ns = matched.rows["received_ns"][matching.first_row[matching.answered]]

@@ -27,7 +27,12 @@ from r2bspec.execute.errors import WorkspaceError
 from r2bspec.execute.processes.bounded_command import run_bounded
 from r2bspec.ipc.protocol import MODULES_FOLDER_VARIABLE, RUN_ID_VARIABLE
 from r2bspec.language.secrets import REDACTED, is_secret_variable
-from r2bspec.middleware.middleware import MessageTransport, inherited_variables, middleware_of
+from r2bspec.middleware.middleware import (
+    DISCOVERY_VARIABLES,
+    MessageTransport,
+    inherited_variables,
+    middleware_of,
+)
 from r2bspec.plan.plan import Plan
 
 _INHERITED_PATTERNS = (
@@ -109,7 +114,7 @@ class RunEnvironment:
             "ROS_LOG_DIR": str(ros_logs or scratch / "ros_logs"),
         }
         self.middleware = middleware_of(self._common)
-        for name in self.middleware.removed_variables:
+        for name in {*DISCOVERY_VARIABLES} - {*plan.environment}:
             self._common.pop(name, None)
         self.transport = MessageTransport(plan.transport, largest_message_bytes, plan.segment_bytes)
         self._common |= self.middleware.configure(self.transport, scratch)

@@ -22,7 +22,7 @@ from r2bspec._version import __version__
 from r2bspec.execute.errors import OtherMachineError
 from r2bspec.middleware.middleware import middleware_of, selected_rmw
 from r2bspec.plan.plan import Plan
-from r2bspec.plan.this_machine import LABELS_VARIABLE, this_machine, unmet
+from r2bspec.plan.this_machine import LABELS_VARIABLE, cpu_quota, this_machine, unmet
 from r2bspec.safe_io.file_search import regular_files
 
 _NEEDED_BYTES = 64 << 10
@@ -43,6 +43,7 @@ def describe_machine() -> dict[str, Any]:
         "architecture": platform.machine(),
         "cpu": _cpu_model(),
         "cores": len(os.sched_getaffinity(0)),
+        "cpu_quota": cpu_quota(),
         "threads_per_core": _threads_per_core(),
         "cpu_max_mhz": frequency,
         "memory_bytes": psutil.virtual_memory().total,

@@ -215,20 +215,19 @@ def reserved_domain() -> Iterator[int]:
     )
 
 
-@contextlib.contextmanager
-def own_domain() -> Iterator[int]:
-    """Yield the domain of the user, in which external nodes run.
+def domain_of_user() -> int:
+    """Return the domain of the user, in which external nodes run.
 
     Raises:
-        WorkspaceError: the environment names none.
+        DomainError: the environment names none.
     """
-    text = os.environ.get("ROS_DOMAIN_ID") or "0"
+    text = (os.environ.get("ROS_DOMAIN_ID") or "0").strip()
     if not (text.isascii() and text.isdigit() and int(text) <= _LAST_DOMAIN):
-        raise errors.WorkspaceError(
+        raise errors.DomainError(
             f"ROS_DOMAIN_ID is {clip(text)!r}, no number from 0 to {_LAST_DOMAIN}",
             hint="Set it to the domain of the nodes that already run, or unset it.",
         )
-    yield int(text)
+    return int(text)
 
 
 def require_loopback() -> None:

@@ -28,7 +28,7 @@ import re
 import struct
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -37,6 +37,7 @@ import psutil
 
 from r2bspec.ipc.process_cleanup import carries_run_id
 from r2bspec.judge.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX, ORPHANS_INDEX
+from r2bspec.plan.this_machine import control_groups
 from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 
 _SYSTEM = Path("/")
@@ -81,7 +82,7 @@ class InterferenceReader:
             root: where ``/proc`` and ``/sys`` are.
         """
         self._cores = sorted(os.sched_getaffinity(0))
-        groups = [*_control_groups(root)]
+        groups = [*control_groups(root / "proc", root / "sys")]
         self._pressure = next(
             (path for path in (group / "cpu.pressure" for group in groups) if path.exists()),
             root / "proc/pressure/cpu",
@@ -150,24 +151,6 @@ def _largest(counters: _Counters, paths: list[Path]) -> float:
     """The largest value: groups nest, and cores are throttled together, so sums would be wrong."""
     values = (_counted(counters, path) for path in paths)
     return max((value for value in values if not math.isnan(value)), default=math.nan)
-
-
-def _control_groups(root: Path) -> Iterator[Path]:
-    """The group that limits the CPU time of this process, and the groups that contain it.
-
-    In a container, paths may begin at a root outside of it; the mounted group is then the group
-    of the container.
-    """
-    with contextlib.suppress(OSError):
-        for line in (root / "proc/self/cgroup").read_text().splitlines():
-            _, controllers, group = line.split(":", 2)
-            # In version 2, a group has no controllers here.
-            if not controllers or "cpu" in controllers.split(","):
-                mount = root / "sys/fs/cgroup" / controllers
-                path = mount / group.lstrip("/")
-                for folder in (path, *path.parents):
-                    if folder.is_relative_to(mount) and folder.is_dir():
-                        yield folder
 
 
 def minor_faults(pid: int) -> int:

@@ -124,6 +124,10 @@ def outstanding_answers(matched: Iterable[MatchedMonitor]) -> Outstanding:
     outstanding: Outstanding = "nothing"
     for answer in matched:
         answers = answer.matching.first_row
+        if answer.match == "any":
+            # Only silence tells that no more come.
+            outstanding = "gaps"
+            continue
         if not answers.size or (answers != NO_MATCH).all():
             continue
         if answers[-1] == NO_MATCH and not _contains_last_step(answer):

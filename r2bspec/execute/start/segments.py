@@ -270,7 +270,7 @@ class SegmentPlayer:
         if kind == "warm_up" or not (observation.playback.size or self._player is None):
             return
         for plan in self._plan.monitors:
-            if plan.own_pace or self._player is None:
+            if not plan.counts_answers or self._player is None:
                 # Nothing that is played says how many messages to expect.
                 is_there = bool(observation.monitors[plan.name].size)
                 has_stopped = not is_there
@@ -465,7 +465,7 @@ class SegmentPlayer:
         if outstanding == "nothing" and len(asked) < len(waited):
             # The others are heard for a little, so that it can be seen what they are.
             outstanding = "gaps"
-        lacking = [each for each in asked if each.matching.missed]
+        lacking = [each for each in asked if each.matching.missed or each.match == "any"]
         timer.looked(now_s, outstanding, last_answer_s(asked), goes_on=all(map(goes_on, lacking)))
         return outstanding != "nothing"
 

@@ -29,12 +29,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.ipc.schedule import Schedule, TimelineSchedule
+from r2bspec.language.spec_benchmark import Match
 from r2bspec.plan.plan import MonitorPlan, StepSources
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import PLAYBACK_DTYPE, Rows
@@ -174,7 +174,7 @@ class Matching:
 def match(
     playback: Rows,
     monitor: Rows,
-    by: Literal["stamp", "order", "own_pace"],
+    by: Match,
     ratio: StepRatio = ONE_TO_ONE,
 ) -> Matching:
     """Match messages to steps.
@@ -187,6 +187,9 @@ def match(
     By stamp with a ratio, as of a node that answers a timer or fuses several messages: each group
     of steps expects its outputs, with the stamp of any step of the group. The phase of the timer
     is unknown, so an output of a neighbouring group will do. What exceeds the ratio is a duplicate.
+
+    Where a step may have any number of outputs, each message with the stamp of a step is an
+    expected output, and none can miss.
 
     With a pace of its own, no output is expected: a message has the step with its stamp, and is
     neither an answer nor a fault.
@@ -205,7 +208,12 @@ def match(
             kind=np.full(monitor.size, MessageKind.UNMATCHED, np.int8),
         )
     kind = np.full(monitor.size, MessageKind.UNMATCHED, np.int8)
-    if by == "order":
+    if by == "any":
+        found = _steps_by_stamp(playback["stamp_ns"], monitor["stamp_ns"])
+        came = np.flatnonzero(found != NO_MATCH)
+        answer, trigger_steps = np.full(monitor.size, NO_MATCH, np.int64), found[came]
+        answer[came] = np.arange(came.size)
+    elif by == "order":
         trigger_steps = ratio.trigger_steps(playback.size)
         answer, surplus = _answers_by_order(playback, monitor, trigger_steps.size)
         kind[surplus] = MessageKind.SURPLUS
@@ -388,13 +396,13 @@ class MatchedMonitor:
         steps: rows of type `PLAYBACK_DTYPE`: the steps that count for the monitor.
         rows: rows of type `MONITOR_DTYPE`: what it received.
         matching: how `rows` match `steps`.
-        own_pace: whether no output is expected.
+        match: how they are matched.
     """
 
     steps: Rows
     rows: Rows
     matching: Matching
-    own_pace: bool = False
+    match: Match = "stamp"
 
 
 def match_monitor(
@@ -416,7 +424,7 @@ def match_monitor(
     steps = select_expected_steps(playback, inputs, plan)
     ratio = ratio_of(plan, played_before)
     matching = match(steps, rows, plan.match, ratio)
-    return MatchedMonitor(steps, rows, matching, own_pace=plan.own_pace)
+    return MatchedMonitor(steps, rows, matching, plan.match)
 
 
 class StepStamps:

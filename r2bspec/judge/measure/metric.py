@@ -26,11 +26,11 @@ Statistic = Literal["percentile", "share", "mean", "observation", "search", "seq
 
 Dimension = Literal["time", "rate", "size", "share", "count", "none"]
 
-Outputs = Literal["answers", "own pace", "live"]
-"""The outputs of a monitor: answers to inputs, of a pace of their own, or of a graph that has its
-own source."""
+Outputs = Literal["answers", "any", "own pace", "live"]
+"""The outputs of a monitor: a known number of answers to inputs, any number of these, of a pace of
+their own, or of a graph that has its own source."""
 
-OUTPUTS: Final[tuple[Outputs, ...]] = ("answers", "own pace", "live")
+OUTPUTS: Final[tuple[Outputs, ...]] = ("answers", "any", "own pace", "live")
 
 Section = Literal["", "latency", "messages"]
 """A table of the HTML page."""
@@ -119,7 +119,9 @@ class Metric(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         counts_faults: whether it counts what should not be at all.
         needs_stamp_matching: whether a monitor that matches by order cannot count it.
         of_one_node: whether the events of the node's own process are enough.
-        at_own_pace: whether it is known at a monitor whose outputs answer no input.
+        at_any: whether it is known at a monitor whose inputs have any number of outputs.
+        at_own_pace: whether it is known at a monitor whose outputs answer no input; then also
+            where inputs have any number of outputs.
         live: whether it is known in a live run, in which the graph has its own source.
         by_turns: whether it can be compared with a baseline by turns.
         level: what is compared between iterations, as words; empty if nothing is.
@@ -158,6 +160,7 @@ class Metric(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     counts_faults: bool = False
     needs_stamp_matching: bool = False
     of_one_node: bool = False
+    at_any: bool = False
     at_own_pace: bool = False
     live: bool = False
     by_turns: bool = False
@@ -195,6 +198,12 @@ class Metric(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def infos(self) -> tuple[MetricInfo, ...]:
         """The metric in each listed part."""
         return tuple(MetricInfo(self, part) for part in self.parts or ("",))
+
+    def known_of(self, outputs: Outputs) -> bool:
+        """Return True if it is known at a monitor of such outputs."""
+        if outputs == "any":
+            return self.at_any or self.at_own_pace
+        return {"own pace": self.at_own_pace, "live": self.live}.get(outputs, True)
 
     @property
     def full_formula(self) -> str:

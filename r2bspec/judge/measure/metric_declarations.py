@@ -78,12 +78,13 @@ def throughput(seen: MonitorSamples) -> dict[str, float]:
     noun="outputs",
     lost_is_slowest=True,
     of_pairs=True,
+    at_any=True,
     of_stamps=True,
     live=True,
     by_turns=True,
     level="the latency",
     columns=_MAIN,
-    column_of=("answers", "live"),
+    column_of=("answers", "any", "live"),
     section="latency",
     compared=("mean", *MAIN_PERCENTILES),
     range_of=("mean", *_MAIN),
@@ -108,6 +109,7 @@ def latency(seen: MonitorSamples) -> Seconds:
     noun="outputs",
     lost_is_slowest=True,
     of_pairs=True,
+    at_any=True,
     by_turns=True,
     level="the latency from the due time",
     title="from due,",
@@ -211,9 +213,10 @@ def steps_played(played: PlaybackSamples) -> int:
     Scope.MONITOR,
     "count",
     "steps that count for the monitor",
+    at_any=True,
     required=False,
     columns=_ONE,
-    column_of=("answers",),
+    column_of=("answers", "any"),
     section="messages",
 )
 def sent(seen: MonitorSamples) -> int:
@@ -249,7 +252,7 @@ def answered(seen: MonitorSamples) -> int:
     live=True,
     more_is_better=True,
     columns=_ONE,
-    column_of=("own pace", "live"),
+    column_of=("any", "own pace", "live"),
 )
 def received(seen: MonitorSamples) -> int:
     """Messages that the monitor received, whether they match a step or not.
@@ -303,6 +306,7 @@ def drop_rate(seen: MonitorSamples) -> float | None:
     Scope.MONITOR,
     "count",
     "outputs after the end of the segment",
+    at_any=True,
     required=False,
     section="messages",
 )
@@ -353,6 +357,7 @@ def reordered(seen: MonitorSamples) -> int:
     Scope.MONITOR,
     "count",
     "messages that match no step",
+    at_any=True,
     counts_faults=True,
     section="messages",
 )
@@ -369,6 +374,7 @@ def unmatched(seen: MonitorSamples) -> int:
     Scope.MONITOR,
     "count",
     "unmatched outputs of an earlier segment",
+    at_any=True,
     required=False,
     section="messages",
 )
@@ -380,7 +386,14 @@ def overdue(seen: MonitorSamples) -> int:
     return seen.overdue
 
 
-@metric("early", Scope.MONITOR, "count", "outputs before their step was published", required=False)
+@metric(
+    "early",
+    Scope.MONITOR,
+    "count",
+    "outputs before their step was published",
+    at_any=True,
+    required=False,
+)
 def early(seen: MonitorSamples) -> int:
     """Outputs that arrived before their step was published: matching by order has gone wrong.
 

@@ -190,8 +190,8 @@ def window_values(
     Raises:
         KeyError: there is no such monitor.
     """
-    if samples.monitors[monitor].own_pace:
-        return _values_at_own_pace(info, samples.monitors[monitor], window_ns)
+    if samples.monitors[monitor].kind != "answers":
+        return _values_where_nothing_is_due(info, samples.monitors[monitor], window_ns)
     values: list[float] = []
     lost: list[float] = []
     without = 0
@@ -208,8 +208,10 @@ def window_values(
     return WindowValues(tuple(values), without, tuple(lost))
 
 
-def _values_at_own_pace(info: MetricInfo, seen: MonitorSamples, window_ns: int) -> WindowValues:
-    """The values where nothing is due: windows are cut from the beginning of the iteration on.
+def _values_where_nothing_is_due(
+    info: MetricInfo, seen: MonitorSamples, window_ns: int
+) -> WindowValues:
+    """The values where no number is due: windows are cut from the beginning of the iteration on.
 
     In a window without messages, the throughput is 0 and the interval as long as the window.
     """

@@ -51,6 +51,8 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
         values: by the name of the metric, without a part where it has a distribution.
         own_period_s: the period at which outputs come whether inputs do or not, in seconds; None
             where they follow the inputs (`r2bspec.judge.measure.own_pace`).
+        fitting_match: the ratio or the match that fits the outputs where those of the monitor do
+            not, as a sentence; else empty.
         unknown_latency: why there is no latency though there are answers; empty if there is one.
         hops: the path of the messages, where it is tapped.
     """
@@ -59,6 +61,7 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
     unknown_latency: str = ""
     hops: tuple[HopMetrics, ...] = ()
     own_period_s: float | None = None
+    fitting_match: str = ""
 
     def value(self, info: MetricInfo) -> float | None:
         """Return the value of a metric in one of its listed parts."""
@@ -75,8 +78,8 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_expected(self) -> bool:
-        """Whether outputs were expected, so that it is known how many were sent and missed."""
-        return self._number("sent") is not None
+        """Whether a number of outputs was expected, so that it is known how many missed."""
+        return self._number("missed") is not None
 
     @property
     def expected(self) -> int:
@@ -319,6 +322,7 @@ def _monitor(seen: MonitorSamples, hops: Sequence[HopSamples]) -> MonitorMetrics
     return MonitorMetrics(
         values=values,
         own_period_s=seen.own_period_s,
+        fitting_match="" if seen.own_period_s else seen.fitting_match,
         unknown_latency=seen.unknown_latency,
         hops=tuple(map(_hop, hops)),
     )

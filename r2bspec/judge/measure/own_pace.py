@@ -1,4 +1,6 @@
-"""Whether an output comes at a period of its own: that of a timer, whatever is played.
+"""What outputs that do not answer each input once are: of a timer, of every nth, of any number.
+
+Whether an output comes at a period of its own: that of a timer, whatever is played.
 
 An output that follows the inputs has their period, and ends with them. That of a timer does
 neither. It counts as such if, in one segment, or in all together where each has too few messages,
@@ -11,6 +13,9 @@ neither. It counts as such if, in one segment, or in all together where each has
 
 A node that is overloaded has a steady output, too, and misses inputs, but every message of it
 answers an input. One that has several outputs for each input has unasked ones, but in bursts.
+
+Where outputs follow the inputs, a ratio is proposed if nine in ten outputs keep to it, and the node
+had time for the inputs between: an overloaded one may also answer every nth, later than that.
 """
 
 from __future__ import annotations
@@ -114,3 +119,39 @@ def own_pace_text(period_s: float, input_period_s: float = 0.0) -> str:
         f"its node publishes every {show(period_s, 's')}, whatever is played. Write 'match: "
         f"own_pace', and require throughput, age, interval or jitter{ratio}."
     )
+
+
+_KEEP_TO_RATIO = 0.9
+_LEAST_STRIDES = 3
+_ANY_NUMBER = 0.05
+
+
+def fitting_match(strides: NDArray[np.float64], counts: NDArray[np.float64], delay: float) -> str:
+    """What a monitor should say of outputs that do not answer each input once, as a sentence.
+
+    It begins in lower case; empty where one output for each input fits, or nothing is known.
+
+    Args:
+        strides: inputs from one that has an output to the next that has.
+        counts: how many outputs those have that have any.
+        delay: from an input to its output, usually, in periods of the inputs.
+    """
+    inputs = max(1, round(float(np.median(strides)))) if strides.size else 1
+    outputs = round(float(np.median(counts))) if counts.size else 1
+    is_even = not counts.size or float(np.mean(counts == outputs)) >= _KEEP_TO_RATIO
+    # One that is lost makes a stride a multiple.
+    keeps = not strides.size or float(np.mean(strides % inputs == 0)) >= _KEEP_TO_RATIO
+    enough = strides.size >= _LEAST_STRIDES if inputs > 1 else counts.size >= _LEAST_STRIDES
+    is_idle_between = delay < max(1, inputs - 1)
+    if enough and is_even and keeps and is_idle_between and (inputs, outputs) != (1, 1):
+        what = f"{outputs} outputs" if outputs > 1 else "an output"
+        of = f"every {inputs} inputs" if inputs > 1 else "each input"
+        sides = [f"inputs: {inputs}"] * (inputs > 1) + [f"outputs: {outputs}"] * (outputs > 1)
+        ratio = f"'ratio: {{{', '.join(sides)}}}'"
+        return f"its node has {what} for {of}. If it is meant to, write {ratio}."
+    if float(np.mean(counts > 1) if counts.size else 0) > _ANY_NUMBER and not is_even:
+        return (
+            f"an input has up to {int(counts.max())} outputs, not always as many. Write 'match: "
+            "any', and require latency or throughput; then no drop rate is defined."
+        )
+    return ""

@@ -305,7 +305,7 @@ def segment_samples(
         if segment.live:
             monitors[name] = live_samples(segment, rows.monitors[name])
             continue
-        earlier = rows.played_earlier if monitor.match == "stamp" else None
+        earlier = rows.played_earlier if monitor.match in {"stamp", "any"} else None
         monitors[name] = monitor_samples(segment, matched[name], earlier)
         if monitor.taps:
             hops[name] = _hops_of(plan, rows, monitor, matched[name])

@@ -5,7 +5,8 @@ every message, when it was received. Rows belong to spans: to segments, or to wi
 whose start and rate are those of the segment. Several iterations are one table, joined; windows and
 other parts are selected by masks. All that is measured of a monitor follows from its table.
 
-In a live run, and of outputs with a pace of their own, nothing is due. Each message then counts as
+Where inputs may have any number of outputs, each output that came counts as expected. In a live
+run, and of outputs with a pace of their own, nothing is due. Each message then counts as
 an expected output that was due when it was received, and what was sent or missed is unknown.
 """
 
@@ -28,7 +29,7 @@ from r2bspec.judge.measure.matching import (
     source_times_ns,
 )
 from r2bspec.judge.measure.metric import Metric, Outputs
-from r2bspec.judge.measure.own_pace import MIN_UNASKED, PaceEvidence, own_period_s
+from r2bspec.judge.measure.own_pace import MIN_UNASKED, PaceEvidence, fitting_match, own_period_s
 from r2bspec.judge.measure.times import (
     Seconds,
     edge_gaps,
@@ -57,9 +58,11 @@ SAMPLE_DTYPE: Final = np.dtype(
 published, when the newest input in it was published, when it was received, its place among all
 messages in the order of arrival, and whether its time of reception is that of taking
 (`MONITOR_FIELDS`). `NO_MATCH` stands for a time that is unknown, or of an output that never came.
-Expected outputs are in the order of the steps."""
+Expected outputs are in the order of the steps, or of arrival where inputs have any number."""
 
 _NOTHING: Final[Seconds] = np.empty(0)
+_WHOLE = 0.05
+"""Outputs per input are a whole number within this."""
 
 
 @dataclass(frozen=True)
@@ -136,14 +139,19 @@ class MonitorSamples:
         per_step: expected outputs per step, on average.
         by_order: whether outputs are matched by order. If one is then missing, too many or early,
             it is unknown which step each of them answers.
-        own_pace: whether no output was expected.
+        kind: of the outputs.
     """
 
     rows: Rows
     spans: tuple[Span, ...]
     per_step: float = 1.0
     by_order: bool = False
-    own_pace: bool = False
+    kind: Outputs = "answers"
+
+    @property
+    def own_pace(self) -> bool:
+        """Whether outputs answer no input."""
+        return self.kind in {"own pace", "live"}
 
     @classmethod
     def joined(cls, samples: Sequence[MonitorSamples]) -> MonitorSamples:
@@ -291,7 +299,7 @@ class MonitorSamples:
         them counts: the graph could not respond before. In a live run it is the age.
         """
         if self.own_pace:
-            return self.age if self.spans[0].segment.live else _NOTHING
+            return self.age if self.kind == "live" else _NOTHING
         return self._pair_times(self.came, "published_ns")
 
     @cached_property
@@ -374,21 +382,51 @@ class MonitorSamples:
 
     def knows(self, metric: Metric) -> bool:
         """Whether a metric is known of these outputs."""
-        if self.own_pace and not metric.live:
-            return False
-        return not (metric.of_pairs and self.unknown_latency)
+        return metric.known_of(self.kind) and not (metric.of_pairs and self.unknown_latency)
 
     def reports(self, metric: Metric) -> bool:
         """Whether results have a metric of outputs of this kind."""
-        kind: Outputs = "answers"
-        if self.own_pace:
-            kind = "live" if self.spans[0].segment.live else "own pace"
-        return kind in metric.reported_of
+        return self.kind in metric.reported_of
 
     @property
     def own_period_s(self) -> float | None:
         """The period of outputs that come whatever is played; None if these do not."""
         return own_period_s(self.pace, self.overdue)
+
+    @property
+    def fitting_match(self) -> str:
+        """What the monitor should say where a ratio or any number fits its outputs; else empty."""
+        if self.kind != "answers" or self.per_step != 1:
+            return ""
+        strides, counts, delays = [_NOTHING], [_NOTHING], [0.0]
+        before = [(0, 0)]
+        for number, span in enumerate(self.spans):
+            rows, segment = self.rows[self.rows["span"] == number], span.segment
+            step_ns = (segment.ended_ns - segment.began_ns) / max(1, span.sent)
+            came, expected = _came(rows), rows["kind"] == MessageKind.EXPECTED
+            if not step_ns or not came.any():
+                continue
+            if self.by_order:
+                if (per := np.count_nonzero(came) / span.sent) > 1:
+                    is_whole = abs(per - round(per)) < _WHOLE
+                    counts.append(np.full(span.sent, float(round(per)) if is_whole else per))
+                else:
+                    # Without stamps, the times of outputs say how many inputs are between.
+                    strides.append(np.round(np.diff(_arrived(rows)) / step_ns))
+                continue
+            places = segment.played_before + np.flatnonzero(came[expected])
+            if places.size and before[-1][0] == segment.start:
+                places = np.insert(places, 0, before[-1][1])
+            if places.size:
+                before.append((segment.start, int(places[-1])))
+            strides.append(np.diff(places).astype(np.float64))
+            repeated = expected | (rows["kind"] == MessageKind.DUPLICATE)
+            _, found = np.unique(rows["published_ns"][came & repeated], return_counts=True)
+            counts.append(found.astype(np.float64))
+            if places.size:
+                latency = np.median(_elapsed(rows[came & expected], "published_ns"))
+                delays.append(float(latency) * 1e9 / step_ns)
+        return fitting_match(np.concatenate(strides), np.concatenate(counts), max(delays))
 
     @property
     def pace(self) -> tuple[PaceEvidence, ...]:
@@ -425,7 +463,7 @@ def monitor_samples(
         played_earlier: which of some stamps are those of steps of earlier segments, if known.
     """
     steps, received, matching = matched.steps, matched.rows, matched.matching
-    if matched.own_pace:
+    if matched.match == "own_pace":
         in_time = received["received_ns"] >= segment.began_ns
         in_time &= received["received_ns"] < segment.ended_ns
         step = matching.step[in_time]
@@ -450,8 +488,19 @@ def monitor_samples(
     came = rows["arrival"] != NO_MATCH
     places = rows["arrival"][came]
     rows["received_ns"][came] = received["received_ns"][places]
+    repeated = np.flatnonzero(rows["kind"] == MessageKind.DUPLICATE)
+    steps_repeated = matching.step[rows["arrival"][repeated]]
+    rows["published_ns"][repeated] = steps["published_ns"][steps_repeated]
     rows["untimed"] = False
     rows["untimed"][came] = received["received_ns"][places] == received["taken_ns"][places]
+    if matched.match == "any":
+        length_ns = segment.ended_ns - segment.began_ns
+        began_ns = segment.began_ns
+        if expected.size:
+            fastest_ns = (expected["received_ns"] - expected["published_ns"]).min()
+            began_ns = int(steps["published_ns"][0] + fastest_ns)
+        span = Span(segment, int(steps.size), length_ns, 0.0, segment.ended_ns, began_ns)
+        return MonitorSamples(rows, (span,), kind="any")
     period_ns = output_period_ns(segment, int(steps.size), matching.per_step)
     window_ns = matching.trigger_steps.size * period_ns
     ended_ns = segment.began_ns + round(window_ns)
@@ -490,4 +539,4 @@ def _unasked(segment: Segment, received: Rows, newest: NDArray[np.int64]) -> Mon
     rows["untimed"] = received["received_ns"] == received["taken_ns"]
     length_ns = segment.ended_ns - segment.began_ns
     span = Span(segment, received.size, length_ns, 0.0, segment.ended_ns, segment.began_ns)
-    return MonitorSamples(rows, (span,), own_pace=True)
+    return MonitorSamples(rows, (span,), kind="live" if segment.live else "own pace")

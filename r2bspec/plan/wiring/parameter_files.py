@@ -9,6 +9,8 @@ Nested node keys are joined by ``/`` and nested parameter names by ``.``. A key 
 a node; without a leading ``/`` it is in the root namespace, so `relay` is not ``/r2b/relay``. ``*``
 matches one token of a name, ``**`` any number. If several keys match a node, later ones have
 precedence.
+
+A file without any ``ros__parameters`` is flat: launch_ros gives all of it to a component.
 """
 
 from __future__ import annotations
@@ -38,11 +40,13 @@ class ParameterFile:
 
     Attributes:
         nodes: each full node key with its parameters, in the order of the file.
+        flat: whether it names no node, so that only a component can have it.
         missing: whether the file does not exist.
         problem: why the file cannot be used; empty if it can.
     """
 
     nodes: tuple[tuple[str, Mapping[str, ParameterValue]], ...] = ()
+    flat: bool = False
     missing: bool = False
     problem: str = ""
 
@@ -68,6 +72,11 @@ class ParameterFile:
         for position, (key, _) in enumerate(self.nodes):
             positions.setdefault("" if "*" in key else key, []).append(position)
         return positions
+
+    def names_of_one(self, full_name: str) -> frozenset[str]:
+        """Return the names of the parameters that are meant for this node alone."""
+        own = self.names if self.flat else frozenset[str]()
+        return own.union(*(values for key, values in self.nodes if key == full_name))
 
     def matching(self, full_name: str) -> list[Mapping[str, ParameterValue]]:
         """The parameters of every key that matches a full node name, in the order of the file."""
@@ -117,7 +126,10 @@ def read_parameter_file(
     if not isinstance(document, dict):
         return ParameterFile(problem="is not a map of nodes")
     try:
-        file = ParameterFile(tuple(_nodes(document)))
+        if document and not any(_has_nodes(value) for value in document.values()):
+            file = ParameterFile((("/**", dict(_flatten(document))),), flat=True)
+        else:
+            file = ParameterFile(tuple(_nodes(document)))
     except ValueError as error:
         inside = real_path(path.parent).is_relative_to(real_path(home))
         return ParameterFile(problem=str(error) if inside else _OUTSIDE_PROBLEM)
@@ -170,6 +182,13 @@ def _nodes(
             yield name, dict(_flatten(given or {}))
         elif value:
             yield from _nodes(value, name, depth + 1)
+
+
+def _has_nodes(value: Any, depth: int = 0) -> bool:
+    is_map = isinstance(value, dict) and depth <= limits.MAX_COMPANION_DEPTH
+    return is_map and (
+        _PARAMETERS_KEY in value or any(_has_nodes(part, depth + 1) for part in value.values())
+    )
 
 
 def _flatten(

@@ -95,23 +95,50 @@ def examined(system: System) -> list[CheckResult]:
     return check_processor(system, sleep=lambda _seconds: None)
 
 
+V2 = {"proc/self/cgroup": "0::/"}
+NESTED = {"proc/self/cgroup": "0::/pod/box", "sys/fs/cgroup/pod/box/cpu.max": "max 100000"}
+V1 = {"proc/self/cgroup": "5:cpu,cpuacct:/docker/1a\n0::/docker/1a"}
+V1_GROUP = "sys/fs/cgroup/cpu,cpuacct"
+
+
 @pytest.mark.parametrize(
-    ("count", "quota", "status"),
+    ("count", "files", "status", "quota"),
     [
-        (2, None, "warn"),
-        (8, None, "ok"),
-        (8, "max 100000", "ok"),
-        (8, "800000 100000", "ok"),
-        (8, "250000 100000", "warn"),
+        (2, {}, "warn", None),
+        (8, {}, "ok", None),
+        (8, V2 | {"sys/fs/cgroup/cpu.max": "max 100000"}, "ok", None),
+        (8, V2 | {"sys/fs/cgroup/cpu.max": "800000 100000"}, "ok", 8.0),
+        (8, V2 | {"sys/fs/cgroup/cpu.max": "250000 100000"}, "warn", 2.5),
+        (8, NESTED | {"sys/fs/cgroup/pod/cpu.max": "150000 100000"}, "warn", 1.5),
+        (
+            8,
+            V1
+            | {f"{V1_GROUP}/cpu.cfs_quota_us": "50000", f"{V1_GROUP}/cpu.cfs_period_us": "100000"},
+            "warn",
+            0.5,
+        ),
+        (
+            8,
+            V1 | {f"{V1_GROUP}/cpu.cfs_quota_us": "-1", f"{V1_GROUP}/cpu.cfs_period_us": "100000"},
+            "ok",
+            None,
+        ),
     ],
+    ids=["few", "no group", "no limit", "as many", "v2", "nested", "v1", "v1 without limit"],
 )
 def test_cores_and_the_quota_on_them(
-    system: System, monkeypatch: pytest.MonkeyPatch, count: int, quota: str | None, status: str
+    system: System,
+    monkeypatch: pytest.MonkeyPatch,
+    count: int,
+    files: dict[str, str],
+    status: str,
+    quota: float | None,
 ) -> None:
     cores(monkeypatch, count)
-    if quota:
-        tell(system.sys / "fs/cgroup/cpu.max", quota)
-    assert only(examined(system), "cores").status == status
+    for name, text in files.items():
+        tell(system.proc.parent / name, text)
+    found = only(examined(system), "cores")
+    assert (found.status, found.data["quota"]) == (status, quota)
 
 
 @pytest.mark.parametrize(("source", "status"), [("tsc", "ok"), ("hpet", "warn")])

@@ -17,7 +17,7 @@ from r2bspec.execute.processes.environment import (
 )
 from r2bspec.execute.processes.process import ManagedProcess
 from r2bspec.ipc.process_cleanup import SessionLeader
-from r2bspec.middleware.middleware import TransportKind
+from r2bspec.middleware.middleware import TransportKind, discovery_settings
 from r2bspec.plan.plan import Plan
 from run_simulation import Simulation
 
@@ -93,6 +93,8 @@ USERS = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
     "ROS_LOCALHOST_ONLY": "0",
     "ROS_STATIC_PEERS": "robot.local",
+    "ROS_DISCOVERY_SERVER": "10.0.0.1:11811",
+    "ROS_SUPER_CLIENT": "true",
     "CYCLONEDDS_URI": "<Tracing/>",
     "ZENOH_ROUTER_CHECK_ATTEMPTS": "3",
     "SECRET": "s",
@@ -135,19 +137,17 @@ def test_with_fast_dds_a_profile_says_everything(
 ) -> None:
     profile = str(tmp_path / "transport.xml")
     selected = {"RMW_IMPLEMENTATION": rmw} if rmw else {}
-    peers = {"ROS_STATIC_PEERS": "robot.local"}
     for transport in CONFIGURED:
         assert of_a_node(tmp_path, monkeypatch, rmw, transport) == expected(
             tmp_path,
             **selected,
-            **peers,
             ROS_AUTOMATIC_DISCOVERY_RANGE="SYSTEM_DEFAULT",
             FASTRTPS_DEFAULT_PROFILES_FILE=profile,
             FASTDDS_DEFAULT_PROFILES_FILE=profile,
         )
     # An inherited one is kept on the host by the variable of ROS.
     assert of_a_node(tmp_path, monkeypatch, rmw, "inherit") == expected(
-        tmp_path, **selected, **peers, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST"
+        tmp_path, **selected, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST"
     )
 
 
@@ -161,6 +161,34 @@ def test_with_another_middleware_discovery_is_kept_on_the_host_and_nothing_else_
             tmp_path, RMW_IMPLEMENTATION=rmw, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST"
         )
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_changes_discovery_is_passed_on_where_the_spec_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "environ", USERS)
+    named = msgspec.structs.replace(plan("udp"), environment=("ROS_DISCOVERY_SERVER",))
+    passed = environment(tmp_path, named).for_node({})
+    assert passed["ROS_DISCOVERY_SERVER"] == "10.0.0.1:11811"
+    assert "ROS_SUPER_CLIENT" not in passed
+
+
+@pytest.mark.parametrize(
+    ("transport", "named", "of_processes", "said"),
+    [
+        ("udp", [], {}, ""),
+        ("udp", ["ROS_DISCOVERY_SERVER"], {}, "ROS_DISCOVERY_SERVER changes which nodes"),
+        ("udp", [], {"talker": ["ROS_DOMAIN_ID", "MODE"]}, "ROS_DOMAIN_ID (of talker) changes"),
+        ("inherit", [], {}, "CYCLONEDDS_URI changes which nodes"),
+    ],
+)
+def test_what_changes_discovery_is_named(
+    transport: TransportKind, named: list[str], of_processes: dict[str, list[str]], said: str
+) -> None:
+    environ = USERS | {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
+    text = discovery_settings(environ, transport, named, of_processes)
+    assert text.startswith(said)
+    assert bool(text) == bool(said)
 
 
 PRINTED = {

@@ -14,7 +14,7 @@ import pytest
 
 from ament_packages import install_package
 from plans import process_plan
-from r2bspec.execute.errors import NotInstalledError, RunError, SharedMemoryError, WorkspaceError
+from r2bspec.execute.errors import DomainError, NotInstalledError, RunError, SharedMemoryError
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.prerequisites import (
@@ -175,12 +175,11 @@ def test_the_domain_of_external_nodes(
     text: str, domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
-    with prerequisites.own_domain() as found:
-        assert found == domain
+    assert prerequisites.domain_of_user() == domain
 
 
 @pytest.mark.parametrize("text", ["abc", "-1", "233", "1.5"])
 def test_what_is_no_domain_is_said(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
-    with pytest.raises(WorkspaceError, match="no number from 0 to"), prerequisites.own_domain():
-        pass
+    with pytest.raises(DomainError, match="no number from 0 to"):
+        prerequisites.domain_of_user()

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.measure.matching import NO_MATCH, match_monitor
-from r2bspec.judge.measure.own_pace import PaceEvidence, own_pace_text, own_period_s
+from r2bspec.judge.measure.metric_declarations import DECLARED
+from r2bspec.judge.measure.own_pace import PaceEvidence, fitting_match, own_pace_text, own_period_s
 from r2bspec.judge.measure.sample_table import MonitorSamples, monitor_samples
+from r2bspec.language.spec_benchmark import Match
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_DTYPE
 from run_simulation import MONITOR_PLAN, Played, playback_rows
@@ -24,7 +26,8 @@ FOREIGN = 5
 def received(
     times_s: Sequence[float],
     stamps: Literal["newest", "own"] = "newest",
-    by: Literal["stamp", "order", "own_pace"] = "stamp",
+    by: Match = "stamp",
+    before: int = 0,
 ) -> tuple[float | None, MonitorSamples]:
     """Messages at times after the first step; with the newest step's stamp, or another."""
     playback = playback_rows(Played(INPUT_HZ, [float("nan")] * STEPS))
@@ -44,6 +47,7 @@ def received(
         began_ns=began_ns,
         ended_ns=began_ns + round(STEPS / INPUT_HZ * 1e9),
         complete=True,
+        played_before=before,
     )
     plan = msgspec.structs.replace(MONITOR_PLAN, match=by)
     matched = match_monitor(playback, rows, plan)
@@ -155,3 +159,79 @@ def test_the_age_is_unknown_where_stamps_are_of_no_input() -> None:
 def test_a_ratio_is_proposed_where_one_fits(period_s: float, ratio: str) -> None:
     assert ratio in own_pace_text(period_s, 1 / INPUT_HZ)
     assert "ratio" not in own_pace_text(period_s)
+
+
+def after_inputs(outputs: Sequence[int], delay_s: float = 0.01) -> list[float]:
+    """So many outputs of each input, the first after a delay."""
+    return [
+        delay_s + step / INPUT_HZ + 0.001 * number
+        for step, count in enumerate(outputs)
+        for number in range(count)
+    ]
+
+
+DETECTIONS = ([0, 2, 1, 0, 1, 2, 1, 1] * STEPS)[:STEPS]
+"""0, 1 or 2 outputs of an input."""
+
+
+@pytest.mark.parametrize("inputs", [2, 3, 7, 15])
+@pytest.mark.parametrize("by", ["stamp", "order"])
+def test_an_output_of_every_nth_input_is_a_ratio(inputs: int, by: Match) -> None:
+    times = after_inputs([step % inputs == 0 for step in range(STEPS)])
+    assert f"'ratio: {{inputs: {inputs}}}'" in received(times, by=by)[1].fitting_match
+
+
+def test_a_ratio_longer_than_an_iteration_shows_in_several() -> None:
+    segments = range(0, 7 * STEPS, STEPS)
+    parts = [
+        received(
+            after_inputs([(before + step) % 100 == 99 for step in range(STEPS)]), before=before
+        )[1]
+        for before in segments
+    ]
+    assert "'ratio: {inputs: 100}'" in MonitorSamples.joined(parts).fitting_match
+
+
+@pytest.mark.parametrize("by", ["stamp", "order"])
+def test_as_many_outputs_of_each_input_are_a_ratio(by: Match) -> None:
+    fitting = received(after_inputs([3] * STEPS), by=by)[1].fitting_match
+    assert "'ratio: {outputs: 3}'" in fitting
+
+
+def test_a_ratio_may_have_both_sides() -> None:
+    times = after_inputs([2 * (step % 5 == 4) for step in range(STEPS)])
+    assert "'ratio: {inputs: 5, outputs: 2}'" in received(times)[1].fitting_match
+
+
+@pytest.mark.parametrize(
+    "times_s",
+    [
+        after_inputs([1] * STEPS),
+        after_inputs([(step * step) % 7 != 2 for step in range(STEPS)]),
+        [],
+    ],
+    ids=["one each", "losses", "none"],
+)
+def test_losses_are_no_ratio(times_s: list[float]) -> None:
+    assert not received(times_s)[1].fitting_match
+
+
+def test_an_overloaded_node_that_answers_every_third_input_has_no_ratio() -> None:
+    strides, counts = np.full(9, 3.0), np.ones(10)
+    assert "inputs: 3" in fitting_match(strides, counts, delay=0.5)
+    assert not fitting_match(strides, counts, delay=2.7)
+
+
+def test_0_to_2_outputs_of_an_input_are_any_number() -> None:
+    assert "'match: any'" in received(after_inputs(DETECTIONS))[1].fitting_match
+
+
+def test_of_any_number_each_output_has_a_latency_and_none_is_missed() -> None:
+    _, seen = received([*after_inputs(DETECTIONS), 2.3], by="any")
+    count = sum(DETECTIONS)
+    assert seen.latency.size == seen.received - seen.unmatched
+    assert seen.latency[:count].min() == pytest.approx(0.01)
+    assert seen.throughput_hz == pytest.approx(count / (STEPS / INPUT_HZ), rel=0.05)
+    unknown = {each.name for each in DECLARED if each.scope == "monitor" and not seen.knows(each)}
+    assert unknown >= {"missed", "drop_rate", "duplicates"}
+    assert seen.sent == STEPS

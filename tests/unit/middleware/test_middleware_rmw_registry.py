@@ -11,6 +11,7 @@ import pytest
 
 import r2bspec.middleware
 from r2bspec.middleware.middleware import (
+    DISCOVERY_VARIABLES,
     MessageTransport,
     Middleware,
     TransportKind,
@@ -87,7 +88,7 @@ def test_the_page_names_what_is_known_of_each(middleware: Middleware) -> None:
     page = PAGE.read_text()
     variables = [variable.replace("*", r"\*") for variable in middleware.variables]
     named = (*middleware.implementations, *variables, *middleware.override_variables)
-    for each in (middleware.name, *named, *middleware.removed_variables):
+    for each in (middleware.name, *named, *DISCOVERY_VARIABLES):
         assert each in page
 
 
