@@ -21,6 +21,7 @@ itself. Both report the same error with the same code at the same place.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Set
+from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Literal
 
 import msgspec
@@ -37,12 +38,13 @@ from r2bspec.diagnostics.diagnostic import (
     Severity,
     Span,
 )
-from r2bspec.diagnostics.quote import quoted_list, suggestion
+from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
 from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.plan.wiring.name_resolution import expand
 from r2bspec.plan.wiring.node_interface import Interface, InterfaceSource
 from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring, WiredEndpoint
 from r2bspec.record.run_record import Difference
+from r2bspec.safe_io.safe_file import names_if_any
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
@@ -136,6 +138,12 @@ MEASURE_FLOW = "flow"
 
 PREPROCESS_FLOW = "feed"
 """The path of the messages from the bag through the preprocessors to the playback inputs."""
+
+
+def near_file(path: FilePath) -> str:
+    """Return help that names the file beside a missing one that is spelt like it; else empty."""
+    close = did_you_mean(path.name, names_if_any(path.parent))
+    return f"did you mean {quote(close)}?" if close else ""
 
 
 def flow_key(phase: str) -> str:

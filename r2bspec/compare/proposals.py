@@ -1,9 +1,10 @@
 """Objectives that a run proposes for its spec.
 
-A limit of a latency is the largest value that one more iteration would have if nothing changed:
-with the logarithms h_1 .. h_m of the iterations' values, their mean h and deviation s, the
-one-sided prediction bound of Student's t, exp(h + t_c(m - 1) s sqrt(1 + 1/m)). It is never below
-the largest value of an iteration.
+A limit is the measured value with a margin: 1.3 times, or more where the starts scatter (in a run
+of one start, the iterations): three standard deviations of their logarithms. Where that doubles
+the value, nothing is proposed. A limit is never below the largest value of a start. Where the
+spec has a gate, a limit of the median `of baseline` is proposed beside it, which no run alone can
+show.
 
 Of the percentiles, the highest is proposed whose requirement the run itself passes: one that needs
 more messages than were played would be inconclusive.
@@ -14,13 +15,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from statistics import fmean, stdev
+from typing import NamedTuple
 
 from r2bspec.judge.measure.distribution import PROPOSED_PERCENTILES, part_value
 from r2bspec.judge.measure.metrics import RateMetrics
 from r2bspec.judge.result import Result
-from r2bspec.judge.statistics.t_interval import mean_interval, t_quantile
-from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement, parse_requirement
 from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode, lookup
@@ -106,12 +106,14 @@ class Proposal:
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """Requirements of which the first that the run passes is proposed."""
+    """Requirements of which the first that the run passes is proposed; the only one, if certain."""
 
     objective: str
     at: str
     what: str
     texts: tuple[str, ...]
+    why: str = ""
+    certain: bool = False
 
 
 def propose_objectives(
@@ -134,7 +136,9 @@ def propose_objectives(
     if loaded.spec is None:
         return proposal
     candidates = [
-        entry for entry in _candidates(loaded.spec, result, proposal.notes) if entry.texts
+        entry
+        for entry in _candidates(loaded.spec, result, proposal.notes, gated=_has_gate(loaded))
+        if entry.texts
     ]
     passed = _passed(candidates, judge)
     for proposed in candidates:
@@ -142,20 +146,45 @@ def propose_objectives(
             (
                 requirement_text
                 for requirement_text in proposed.texts
-                if (proposed.objective, requirement_text) in passed
+                if proposed.certain or (proposed.objective, requirement_text) in passed
             ),
             None,
         )
+        if chosen is not None and proposed.why:
+            proposal.notes.append(f"{chosen}: {proposed.why}")
         if chosen is None:
             proposal.notes.append(f"{proposed.what}: the run is too short to show a limit")
         else:
             proposal.added.setdefault(proposed.objective, []).append(chosen)
+    disturbed, played = (
+        len(result.verdict.disturbed),
+        sum(len(rate.iterations) for rate in result.metrics.rates),
+    )
+    if disturbed:
+        proposal.notes.append(
+            f"other programs disturbed {disturbed} of {played} iterations: these limits are those "
+            "of a busy machine, and a quiet one may have tighter ones"
+        )
     rates = {entry.objective: entry.at for entry in candidates}
     _insert(loaded, proposal, rates)
     return proposal
 
 
-def _candidates(spec: Spec, result: Result, notes: list[str]) -> Iterator[_Candidate]:
+def _has_gate(loaded: LoadedSpec) -> bool:
+    """Return True if the spec says how it is gated, or compares something with the base."""
+    requirements = (
+        [one for each in loaded.spec.slos.values() for one in each.require]
+        if (loaded.spec is not None)
+        else []
+    )
+    return any(one.of_baseline for one in requirements) or (
+        loaded.tree is not None and lookup(loaded.tree, ("benchmark", "gate")) is not None
+    )
+
+
+def _candidates(
+    spec: Spec, result: Result, notes: list[str], *, gated: bool
+) -> Iterator[_Candidate]:
     several = len(spec.outputs) > 1
     for rate in result.metrics.rates:
         at = f"{rate.offered_hz:g} Hz" if rate.pace == "rate" else ""
@@ -168,7 +197,16 @@ def _candidates(spec: Spec, result: Result, notes: list[str]) -> Iterator[_Candi
             prefix = f"{monitor}." if several else ""
             where = f"{prefix}latency{f' at {at}' if at else ''}"
             if not _has_requirement(spec, rate, monitor, "latency"):
-                texts = tuple(_latency_texts(rate, monitor, f"{prefix}latency"))
+                limits = [
+                    (part, limit)
+                    for part in _PARTS
+                    if (limit := _latency_limit(rate, monitor, part)) is not None
+                ]
+                texts = tuple(
+                    f"{prefix}latency.{part} < {_ceiling(1e3 * limit.value)} ms"
+                    for part, limit in limits
+                    if limit.margin <= _MOST_MARGIN
+                )
                 if spec.outputs[monitor].own_pace:
                     # What it has instead, its path, is proposed with the parts.
                     if not rate.pooled.anatomy:
@@ -177,12 +215,18 @@ def _candidates(spec: Spec, result: Result, notes: list[str]) -> Iterator[_Candi
                             f"{{anatomy: true}}', {monitor}.path is proposed"
                         )
                 else:
-                    if not texts:
+                    if limits and not texts:
+                        notes.append(f"{where}: {limits[0][1].why}, too much for a limit")
+                    elif not texts:
                         notes.append(
                             f"{where}: it takes {MIN_ITERATIONS} iterations with a latency to "
                             "see their scatter"
                         )
-                    yield _Candidate(name, at, where, texts)
+                    yield _Candidate(name, at, where, texts, limits[0][1].why if texts else "")
+                    if gated and texts:
+                        percent = 5 * math.ceil(20 * _DEVIATIONS * limits[-1][1].scatter)
+                        ratio = f"{prefix}latency.p50 <= {100 + max(10, percent)} % of baseline"
+                        yield _Candidate(name, at, where, (ratio,), certain=True)
             pooled = rate.pooled.monitors[monitor]
             lost = pooled.drop_rate
             if lost is None or _has_requirement(spec, rate, monitor, "drop_rate"):
@@ -201,10 +245,10 @@ def _candidates(spec: Spec, result: Result, notes: list[str]) -> Iterator[_Candi
     ]
     asked = any(metric.startswith("peak") for metric in metrics)
     if search is not None and search.holds_hz and not asked:
-        limit = search.holds_hz * (1 - _PEAK_STEPS * search.precision)
-        if limit > 0:
+        limit_hz = search.holds_hz * (1 - _PEAK_STEPS * search.precision)
+        if limit_hz > 0:
             name = _free_name(spec, "measured_peak")
-            yield _Candidate(name, "", "peak.rate", (f"peak.rate >= {_floor(limit)} Hz",))
+            yield _Candidate(name, "", "peak.rate", (f"peak.rate >= {_floor(limit_hz)} Hz",))
         else:
             notes.append(f"peak.rate: it is known to {search.precision:.0%} only, too roughly")
 
@@ -236,9 +280,9 @@ def _part_candidates(spec: Spec, rate: RateMetrics, name: str, at: str) -> Itera
             texts = []
             for part in _PARTS:
                 values = [value for times in seen if (value := part_value(times, part))]
-                limit = prediction_bound(values)
-                if limit is not None:
-                    texts.append(f"{series}.{part} < {_ceiling(1e3 * limit)} ms")
+                limit = limit_of(values)
+                if limit is not None and limit.margin <= _MOST_MARGIN:
+                    texts.append(f"{series}.{part} < {_ceiling(1e3 * limit.value)} ms")
             yield _Candidate(name, at, series, tuple(texts))
         load = f"{series.removesuffix('.callback')}.load"
         values = [
@@ -246,45 +290,52 @@ def _part_candidates(spec: Spec, rate: RateMetrics, name: str, at: str) -> Itera
             for one in rate.iterations
             if (each := one.anatomy) and load in each and (value := each[load].mean)
         ]
-        limit = prediction_bound(values)
-        known = limit is not None and limit < _MOST_LOAD
+        limit = limit_of(values)
+        known = limit is not None and limit.value < _MOST_LOAD
         if known and limit is not None and not _requires_part(spec, rate, load):
-            yield _Candidate(name, at, load, (f"{load} < {_ceiling(100 * limit)} %",))
+            yield _Candidate(name, at, load, (f"{load} < {_ceiling(100 * limit.value)} %",))
 
 
-def _latency_texts(rate: RateMetrics, monitor: str, name: str) -> Iterator[str]:
-    for part in _PARTS:
-        values = [
-            value
-            for iteration in rate.iterations
-            if monitor in iteration.monitors
-            and (value := part_value(iteration.monitors[monitor].latency, part)) is not None
-            and value > 0
-        ]
-        limit = prediction_bound(values)
-        if limit is not None:
-            yield f"{name}.{part} < {_ceiling(1e3 * limit)} ms"
-
-
-def prediction_bound(values: Sequence[float], confidence: float = CONFIDENCE) -> float | None:
-    """The bound that one more value exceeds with probability 1 - `confidence`.
-
-    Args:
-        values: positive, whose logarithms are normally distributed.
-        confidence: of the bound, one-sided.
-
-    Returns:
-        At least the largest value; None for fewer than `MIN_ITERATIONS` values.
-    """
+def _latency_limit(rate: RateMetrics, monitor: str, part: str) -> Limit | None:
+    by_start: dict[int, list[float]] = {}
+    for iteration in rate.iterations:
+        seen = iteration.monitors.get(monitor)
+        value = part_value(seen.latency, part) if seen is not None else None
+        if value is not None and value > 0:
+            by_start.setdefault(iteration.start, []).append(value)
+    values = [value for each in by_start.values() for value in each]
     if len(values) < MIN_ITERATIONS:
         return None
-    logs = [math.log(value) for value in values]
-    m, t = len(logs), t_quantile(len(logs) - 1, confidence)
-    interval = mean_interval(logs, confidence)
-    from_mean = interval.mean + t * interval.deviation * math.sqrt(1 + 1 / m)
-    # A machine whose level wanders differs by more, but by no more than from step to step.
-    steps = math.fsum((after - before) ** 2 for before, after in pairwise(logs))
-    return max(math.exp(max(from_mean, logs[-1] + t * math.sqrt(steps / (m - 1)))), *values)
+    if len(by_start) < MIN_ITERATIONS:
+        return limit_of(values)
+    return limit_of([fmean(each) for each in by_start.values()], "starts")
+
+
+class Limit(NamedTuple):
+    """A limit for a measured value, with its margin, the scatter and the reason, as words."""
+
+    value: float
+    margin: float
+    scatter: float
+    why: str
+
+
+_MARGIN = 1.3
+_MOST_MARGIN = 2.0
+_DEVIATIONS = 3.0
+
+
+def limit_of(values: Sequence[float], of: str = "iterations") -> Limit | None:
+    """Return a limit for positive values of starts or iterations; None for too few."""
+    if len(values) < MIN_ITERATIONS:
+        return None
+    scatter = stdev(map(math.log, values))
+    usual, margin = fmean(values), max(_MARGIN, math.exp(_DEVIATIONS * scatter))
+    value = max(margin * usual, *values)
+    why = (
+        f"{value / usual:.2g} times the mean of {len(values)} {of}, which scatter by {scatter:.0%}"
+    )
+    return Limit(value, margin, scatter, why)
 
 
 def _passed(candidates: Sequence[_Candidate], judge: Judge) -> set[tuple[str, str]]:

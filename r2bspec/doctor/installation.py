@@ -128,10 +128,7 @@ def _refused_transport(system: System, used: str) -> Iterator[str]:
 def _overridden_discovery(system: System, used: str) -> Iterator[str]:
     for name in middleware_named(used).override_variables:
         if system.environ.get(name):
-            yield (
-                f"{name} is set, and can let nodes of a run with 'transport: inherit' discover "
-                "those of other hosts"
-            )
+            yield f"{name} is set, and can let nodes of a run discover those of other hosts"
     if unused := [name for name in DISCOVERY_VARIABLES if system.environ.get(name)]:
         yield (
             f"{', '.join(unused)}: not passed on to nodes of a run, unless its spec names it under "

@@ -34,7 +34,9 @@ def explain_violations(violations: Sequence[Violation]) -> list[Diagnostic]:
     diagnostics += (diagnostic for _, diagnostic in unnamed)
     explained = {path for path, _ in unnamed}
     violations = [
-        candidate for candidate in violations if not _is_explained(candidate.path, explained)
+        candidate
+        for candidate in violations
+        if not _is_explained(candidate.path, explained) and not _is_glued(candidate)
     ]
     renamed: set[Path] = set()
     for violation in violations:
@@ -50,6 +52,12 @@ def explain_violations(violations: Sequence[Violation]) -> list[Diagnostic]:
     # An anchored value that is used in several places is explained once.
     unique = {(known.code, known.span): known for known in reversed(diagnostics)}
     return list(unique.values())[::-1]
+
+
+def _is_glued(violation: Violation) -> bool:
+    """Return True for the missing value of a key that has its value in it (see `_with_space`)."""
+    name, colon, value = str(violation.path[-1] if violation.path else "").partition(":")
+    return violation.value is None and bool(name and colon and value)
 
 
 def _is_explained(path: Path, explained: set[Path]) -> bool:
@@ -87,6 +95,8 @@ def invalid_key_name(violation: Violation) -> Diagnostic:
     form = violation.rule.names
     assert form is not None  # noqa: S101 - only such maps have names of a form
     path = (*violation.path, violation.key)
+    if spaced := _with_space(violation, violation.key):
+        return violation.error("R2B014", *spaced, span=violation.key_span(violation.key), path=path)
     better = repair_name(violation.key, form)
     return violation.error(
         "R2B106",
@@ -95,6 +105,18 @@ def invalid_key_name(violation: Violation) -> Diagnostic:
         span=violation.key_span(violation.key),
         path=path,
     )
+
+
+def _with_space(violation: Violation, key: str) -> tuple[str, str] | None:
+    """Return what is wrong with a key that has its value in it, and what to write; else None."""
+    owner = violation.node
+    entry = owner.entries.get(key) if isinstance(owner, MapNode) else None
+    name, colon, value = key.partition(":")
+    if entry is None or not (name and colon and value):
+        return None
+    # With a space after the colon, the value would not be empty.
+    is_empty = isinstance(entry.value, ScalarNode) and not entry.value.text
+    return (f"missing space after '{name}:'", f"write '{name}: {value}'") if is_empty else None
 
 
 def too_many(violation: Violation) -> Diagnostic:
@@ -179,6 +201,14 @@ def unknown_keys(violation: Violation) -> Iterator[tuple[Diagnostic, str]]:
     absent = {key: rule for key, rule in properties.items() if key not in owner.entries}
     meant = _intended_keys(unknown, absent)
     for key in unknown:
+        if spaced := _with_space(violation, key):
+            span = owner.entries[key].key_span
+            name = key.partition(":")[0]
+            yield (
+                violation.error("R2B014", *spaced, span=span, path=(*violation.path, key)),
+                name if name in absent else "",
+            )
+            continue
         if key in meant:
             yield _misspelled_key(violation, owner, key, meant[key]), meant[key]
             continue
@@ -338,6 +368,8 @@ def _type_help(violation: Violation) -> tuple[str, str]:
         help_text, repair = _integer_help(node)
         return help_text or _example_help(violation), repair
     if isinstance(node, ScalarNode) and "array" in types:
+        if plain and node.span.end_line > node.span.line:
+            return "begin the line of each item with '- '", ""
         text = f"[{node.text}]"
         simple = plain and not _NOT_IN_FLOW & set(node.text)
         return f"write a list: {text}", text if simple else ""
@@ -376,10 +408,16 @@ def invalid_choice(violation: Violation) -> Diagnostic:
     """A word that is not one of the choices."""
     words, value = violation.rule.words, violation.value
     meant = value.strip().casefold().replace("-", "_")
+    of_key = next(
+        (key for key, rule in (violation.rule.keys or {}).items() if meant in (rule.words or ())),
+        "",
+    )
     return violation.error(
         "R2B104",
         f"unknown choice {quote(value)} for {violation.name}",
-        unknown_name_help(value, words, "choices"),
+        f"write {{{of_key}: {meant}}}"
+        if of_key and meant not in words
+        else unknown_name_help(value, words, "choices"),
         repair=meant if meant in words else "",
     )
 

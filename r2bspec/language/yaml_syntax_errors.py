@@ -10,6 +10,7 @@ import re
 import yaml
 
 from r2bspec.diagnostics import Diagnostic, Edit, Related, Span
+from r2bspec.diagnostics.quote import clip
 from r2bspec.language.document import Source
 from r2bspec.safe_io.limits import MAX_YAML_DEPTH
 from r2bspec.safe_io.safe_yaml import SCANNER_TOO_DEEP, too_deep
@@ -33,7 +34,7 @@ def explain_syntax_error(error: yaml.YAMLError, source: Source) -> Diagnostic:
         _tab(problem, span, source)
         or _unclosed(problem, context, span, began, source)
         or _missing_space(problem, span, began, source)
-        or _missing_dash(problem, context, span, began)
+        or _missing_dash(problem, context, span, began, source)
         or Diagnostic.error(
             "R2B010",
             f"invalid YAML: {', '.join(filter(None, (context, problem)))}",
@@ -94,7 +95,17 @@ def _missing_space(problem: str, span: Span, began: Span, source: Source) -> Dia
     return None
 
 
-def _missing_dash(problem: str, context: str, span: Span, began: Span) -> Diagnostic | None:
+def _missing_dash(
+    problem: str, context: str, span: Span, began: Span, source: Source
+) -> Diagnostic | None:
+    above = source.line(began.line - 1) if began.line > 1 else ""
+    if "could not find expected ':'" in problem and above.lstrip().startswith("- "):
+        return Diagnostic.error(
+            "R2B014",
+            "expected another item of the list above",
+            began,
+            f"begin the line with '- ': '- {clip(source.line(began.line).strip())}'",
+        )
     expected = ("did not find expected '-'", "expected <block end>")
     if not problem.startswith(expected) or "collection" not in context:
         return None

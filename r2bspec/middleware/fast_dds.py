@@ -175,7 +175,6 @@ class FastDds(middleware.Middleware):
     implementations = ("rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
     transports = ("inherit", "shared_memory", "udp")
     variables = ("FASTRTPS_*", "FASTDDS_*")
-    override_variables = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
     distributions = ("fastrtps", "rmw-fastrtps-cpp")
     socket_buffers = middleware.SocketBuffers(SOCKET_BUFFER_BYTES, SOCKET_BUFFER_BYTES)
     exit_in_turn_s = 3.0

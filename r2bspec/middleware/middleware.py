@@ -8,6 +8,7 @@ about one. They are imported when the first question is asked.
 
 from __future__ import annotations
 
+import fnmatch
 import pkgutil
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
@@ -58,10 +59,13 @@ def discovery_settings(
     Returns:
         Empty if no variable changes the discovery.
     """
-    overrides = middleware_of(environ).override_variables if transport == "inherit" else ()
+    patterns = middleware_of(environ).variables if transport == "inherit" else ()
+    configured = [
+        name for name in environ if any(fnmatch.fnmatchcase(name, each) for each in patterns)
+    ]
     passed = [name for name in DISCOVERY_VARIABLES if name in named and environ.get(name)]
-    passed += [name for name in overrides if environ.get(name)]
-    changes = {*DISCOVERY_VARIABLES, *_SET_BY_RUNS, *overrides}
+    passed += [name for name in configured if environ[name] and name not in passed]
+    changes = {*DISCOVERY_VARIABLES, *_SET_BY_RUNS}
     passed += [
         f"{name} (of {process})"
         for process, names in of_processes.items()
@@ -70,8 +74,7 @@ def discovery_settings(
     ]
     if not passed:
         return ""
-    verb = "changes" if len(passed) == 1 else "change"
-    return f"{', '.join(passed)} {verb} which nodes discover each other: run without"
+    return f"{', '.join(passed)} can change which nodes discover each other: run without"
 
 
 @dataclass(frozen=True)

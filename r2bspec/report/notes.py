@@ -22,6 +22,7 @@ from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.middleware.middleware import middleware_named
 from r2bspec.record.run_record import ProfileRecord
 from r2bspec.report import wording
+from r2bspec.report.anatomy_table import anatomies_of, share
 
 MOST_NOTES: Final = 5
 """Notes of a report that is not verbose."""
@@ -40,7 +41,7 @@ class Weight(IntEnum):
     OPEN = 2
     """What a requirement that is not met, or not decided, rests on."""
     INTERFERENCE = 3
-    """Other programs took part in what is not decided, or failed."""
+    """Other programs took part in what is not decided, or failed; then where the time goes."""
     PLAYED = 4
     """What was played, received and used is not all, or not only, what the spec names."""
     DETAIL = 5
@@ -113,6 +114,7 @@ def _weighted(result: Result) -> Iterator[Note]:
         (Weight.OPEN, _requirement_notes(result, ("fail", "inconclusive"))),
         (Weight.OPEN, _untested(result, met=True)),
         (of_host, _interference_notes(result)),
+        (Weight.INTERFERENCE, _anatomy_notes(result)),
         (Weight.DETAIL, (f"{text[:1].upper()}{text[1:]}" for text in decisions)),
         (Weight.PLAYED, unplayed_notes(result)),
         (Weight.PLAYED, result.left_out),
@@ -135,6 +137,27 @@ def _weighted(result: Result) -> Iterator[Note]:
         (Weight.DETAIL, overhead_notes(result)),
     )
     yield from (Note(weight, text) for weight, texts in groups for text in texts)
+
+
+def _anatomy_notes(result: Result) -> Iterator[str]:
+    """Yield where the time goes that a missed latency takes, or the command that shows it."""
+    late = [
+        one
+        for one in result.verdict.requirements
+        if one.outcome == "fail" and "latency" in one.metric
+    ]
+    if not late or result.status != "complete":
+        return
+    paths = [path for anatomy in anatomies_of(result) for path in anatomy.paths if path.parts]
+    if not paths:
+        yield "'r2bspec run SPEC --anatomy' shows where the time of late outputs goes"
+        return
+    for path in {path.monitor: path for path in reversed(paths)}.values():
+        most = max(path.parts, key=lambda part: part.share)
+        yield (
+            f"In the anatomy, {share(most.share)} of the latency of {path.monitor} is "
+            f"{most.name} of {most.owner} (p99 {show(most.p99, 's')})"
+        )
 
 
 def _status_notes(result: Result) -> Iterator[str]:

@@ -7,7 +7,7 @@ import math
 import msgspec
 
 from r2bspec.check.check_context import Context, KnownMetric
-from r2bspec.check.rule import Finding, Findings, Pointer, rule
+from r2bspec.check.rule import Finding, Findings, Pointer, SeverityName, rule
 from r2bspec.diagnostics.quote import quote
 
 _EXAMPLES = {
@@ -124,7 +124,10 @@ def bound_backwards(context: Context) -> Findings:
         if bound is None or requirement.windows_share is not None:
             continue
         at_least, more_is_better = requirement.op in {">", ">="}, metric.info.metric.more_is_better
-        name = quote(metric.info.name)
+        name, written = quote(metric.info.name), f"{100 * bound.value:g} %"
+        half = _HALF if bound.of_baseline else 0.0
+        most_hz = _most_hz(context, metric) if at_least and not bound.of_baseline else None
+        severity: SeverityName | None = None
         if bound.of_baseline and requirement.op not in {"==", "!="} and at_least != more_is_better:
             better, way = ("larger", ">= 97 %") if more_is_better else ("smaller", "<= 103 %")
             message = (
@@ -136,6 +139,21 @@ def bound_backwards(context: Context) -> Findings:
                 f"{name} cannot be shown to be 100 % of the offered rate: no graph delivers more"
             )
             help_text = "allow a margin, such as '>= 98 % of offered'"
+        elif most_hz is not None and bound.dimension == "rate" and bound.value >= most_hz:
+            message = f"no graph delivers more than the {most_hz:g} Hz that are offered"
+            help_text = "write '>= 98 % of offered'"
+        elif bound.of_baseline and not at_least and bound.value < half:
+            message = f"{name} passes only if it needs {written} of what the base needs"
+            help_text = (
+                f"for a margin of {written}, write '<= {100 + 100 * bound.value:g} % of baseline'"
+            )
+            severity = "warning"
+        elif bound.of_baseline and at_least and bound.value < half:
+            message = f"{name} passes with {written} of what the base reaches"
+            help_text = (
+                f"for a margin of {written}, write '>= {100 - 100 * bound.value:g} % of baseline'"
+            )
+            severity = "warning"
         else:
             continue
         yield Finding(
@@ -143,8 +161,25 @@ def bound_backwards(context: Context) -> Findings:
             path=metric.path,
             part=metric.bound_part,
             help=help_text,
+            severity=severity,
             suppressed_by={metric.subject},
         )
+
+
+_HALF = 0.5
+"""A smaller share of the baseline is most likely a margin."""
+
+
+def _most_hz(context: Context, metric: KnownMetric) -> float | None:
+    """Return the rate at which outputs of a throughput are offered; None if unknown."""
+    if metric.info.metric.name != "throughput" or metric.at is None or not metric.at.hz:
+        return None
+    monitors = context.spec.monitors
+    of_metric = [metric.monitor] if metric.monitor else [*monitors]
+    if not all(name in monitors and monitors[name].counts_answers for name in of_metric):
+        return None
+    ratios = (monitors[name].ratio for name in of_metric)
+    return metric.at.hz * min((ratio.outputs / ratio.inputs for ratio in ratios), default=1.0)
 
 
 def _is_empty(low: _Limit, high: _Limit) -> bool:

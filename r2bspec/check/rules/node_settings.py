@@ -19,6 +19,7 @@ from r2bspec.check.rule import (
     Findings,
     as_version_warning,
     flow_key,
+    near_file,
     rule,
     topic_key,
     value_key,
@@ -171,7 +172,8 @@ def parameter_file_unusable(context: Context) -> Findings:
                 if file.missing
                 else f"parameter file {quote(name)} {problem}",
                 path=path,
-                help=f"paths are relative to the folder of the spec ({context.loaded.base_dir})"
+                help=near_file(context.loaded.base_dir / name)
+                or f"paths are relative to the folder of the spec ({context.loaded.base_dir})"
                 if file.missing
                 else "the layout is the node name, 'ros__parameters', then the parameters",
                 suppresses={value_key(path)},
@@ -264,7 +266,8 @@ def parameter_overrides(context: Context, node: NodeWiring) -> Iterator[Paramete
             continue
         for place, file_name, file in files:
             if name in file.names:
-                of_one = name in file.names_of_one(node.name)
+                is_used = not file.flat or node.node.kind.name == "plugin"
+                of_one = is_used and name in file.names_of_one(node.name)
                 yield ParameterOverride(name, value, place, file_name, of_one)
                 break
 

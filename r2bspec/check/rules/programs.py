@@ -15,7 +15,7 @@ from pathlib import Path as FilePath
 from msgspec.structs import replace
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
+from r2bspec.check.rule import Finding, Findings, Pointer, near_file, rule, value_key
 from r2bspec.check.rules.node_settings import parameter_files
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, quoted_list, suggestion
@@ -42,7 +42,8 @@ def launch_file_not_found(context: Context) -> Findings:
             yield Finding(
                 message=f"launch file {quote(launch.path)} not found",
                 path=(*node.path, "launch", "path"),
-                help=f"paths are relative to the folder of the spec ({context.loaded.base_dir}); "
+                help=near_file(context.loaded.base_dir / launch.path)
+                or f"paths are relative to the folder of the spec ({context.loaded.base_dir}); "
                 "for a launch file of a package use 'package' and 'file'",
             )
         elif (share := installed_packages.package_share(launch.package)) is not None:
@@ -77,7 +78,7 @@ def program_not_found(context: Context) -> Findings:
         if "/" in program:
             exists = is_regular(folder / program)
             message = f"program {quote(program)} not found"
-            advice = (
+            advice = near_file(folder / program) or (
                 f"the path is relative to its working folder ({folder}); build it before the run"
             )
         else:
@@ -291,7 +292,8 @@ def _unusable_file(
             message=f"Python file {quote(written)} not found",
             path=path,
             part=(0, len(written)),
-            help=f"paths are relative to the folder of the spec ({context.loaded.base_dir})",
+            help=near_file(target.file)
+            or f"paths are relative to the folder of the spec ({context.loaded.base_dir})",
         )
     try:
         if target.readable:

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from r2bspec.cli.main import main
-from r2bspec.compare.proposals import Proposal, prediction_bound, propose_objectives
+from r2bspec.compare.proposals import Proposal, limit_of, propose_objectives
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.measure.metric_catalogue import Subjects
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.result import Result
+from r2bspec.judge.verdict import DisturbedIteration
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.spec import Objective
 from r2bspec.record.run_folder import Run
@@ -166,14 +167,44 @@ def test_a_monitor_of_another_graph_is_named_and_left_out(run: Run) -> None:
     assert (found.text, found.notes) == (text, ["detections: the spec has no such monitor"])
 
 
-def test_the_bound_covers_the_next_value() -> None:
-    random, covered = np.random.default_rng(7), 0
-    for _ in range(2000):
-        values = np.exp(random.normal(0, 0.2, 11))
-        bound = prediction_bound(values[:10].tolist())
-        assert bound is not None
-        covered += bool(values[10] <= bound)
-    assert covered / 2000 > 0.94
+@pytest.mark.parametrize(
+    ("scatter", "least", "most"), [(0.0, 1.3, 1.3), (0.02, 1.3, 1.3), (0.15, 1.4, 2.0)]
+)
+def test_the_margin_follows_the_scatter_and_is_said(
+    scatter: float, least: float, most: float
+) -> None:
+    limit = limit_of([0.05 * math.exp(scatter * way) for way in (-1, 0, 1)], "starts")
+    assert limit is not None
+    assert least <= limit.margin <= most
+    assert limit.value / 0.05 == pytest.approx(limit.margin, rel=0.02)
+    assert "of 3 starts, which scatter by" in limit.why
+
+
+def test_scatter_that_doubles_the_value_has_no_limit(tmp_path: Path) -> None:
+    wild = [Played(rate_hz=30, latency=np.full(300, 0.002 * 1.6**number)) for number in range(6)]
+    found = proposed(Simulation(segments=wild).write(tmp_path / "run"), SPEC)
+    assert any("too much for a limit" in note for note in found.notes)
+    assert not any("latency" in each for texts in found.added.values() for each in texts)
+
+
+def test_a_spec_with_a_gate_gets_a_limit_of_the_baseline(run: Run) -> None:
+    gated = SPEC.replace("duration: 10 s}", "duration: 10 s, gate: {confidence: 95 %}}")
+    (texts,) = proposed(run, gated).added.values()
+    assert "latency.p50 <= 110 % of baseline" in texts
+    (texts,) = proposed(run, SPEC).added.values()
+    assert not any("baseline" in each for each in texts)
+
+
+def test_what_disturbed_the_run_is_said_of_its_limits(run: Run) -> None:
+    result = result_of(run)
+    loaded = load_spec(SPEC, file="simulated.r2b.yaml")
+    disturbed = (
+        DisturbedIteration(segment="rate-30Hz-001", rate_hz=30, reasons=("a compiler ran",)),
+    )
+    verdict = msgspec.structs.replace(result.verdict, disturbed=disturbed)
+    busy = msgspec.structs.replace(result, verdict=verdict)
+    found = propose_objectives(loaded, SPEC, busy, lambda slos: result_of(run, slos, "x"))
+    assert any("disturbed 1 of 10 iterations" in note for note in found.notes)
 
 
 def test_nodes_that_were_observed_get_limits_of_their_callbacks_and_loads(run: Run) -> None:

@@ -177,9 +177,9 @@ def test_what_changes_discovery_is_passed_on_where_the_spec_names_it(
     ("transport", "named", "of_processes", "said"),
     [
         ("udp", [], {}, ""),
-        ("udp", ["ROS_DISCOVERY_SERVER"], {}, "ROS_DISCOVERY_SERVER changes which nodes"),
-        ("udp", [], {"talker": ["ROS_DOMAIN_ID", "MODE"]}, "ROS_DOMAIN_ID (of talker) changes"),
-        ("inherit", [], {}, "CYCLONEDDS_URI changes which nodes"),
+        ("udp", ["ROS_DISCOVERY_SERVER"], {}, "ROS_DISCOVERY_SERVER can change which nodes"),
+        ("udp", [], {"talker": ["ROS_DOMAIN_ID", "MODE"]}, "ROS_DOMAIN_ID (of talker) can change"),
+        ("inherit", [], {}, "CYCLONEDDS_URI can change which nodes"),
     ],
 )
 def test_what_changes_discovery_is_named(

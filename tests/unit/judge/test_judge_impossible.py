@@ -134,7 +134,7 @@ def test_by_order_more_outputs_than_the_ratio_allows_are_invalid(tmp_path: Path)
     assert found.outcome == "invalid"
     assert "received 1,800 outputs for 900 inputs" in found.reason
     assert "its ratio allows 900" in found.reason
-    assert "Set the ratio of the monitor" in found.requirements[0].remedy
+    assert "'ratio: {outputs: 2}'" in found.requirements[0].remedy
 
 
 def test_a_ratio_that_fits_is_valid(tmp_path: Path) -> None:

@@ -215,7 +215,7 @@ ALIASES = "a0: &a0 {}\n" + "".join(
     ("text", "problem"),
     [
         ("[1, 2]", "is not a map of nodes"),
-        ("a: 1", "has no 'ros__parameters' below 'a'"),
+        ("a: 1\nb: {ros__parameters: {}}", "has no 'ros__parameters' below 'a'"),
         ("a: {ros__parameters: 1}", "has a 'ros__parameters' of 'a' that is not a map"),
         ("a: [", "is not YAML in line 2"),
         (
