@@ -144,7 +144,10 @@ def _anatomy_notes(result: Result) -> Iterator[str]:
     late = [
         one
         for one in result.verdict.requirements
-        if one.outcome == "fail" and "latency" in one.metric
+        # An output that answers no input has no latency, and no time that could be shown.
+        if one.outcome == "fail"
+        and "latency" in one.metric
+        and (one.lost or one.estimate is not None)
     ]
     if not late or result.status != "complete":
         return

@@ -170,5 +170,5 @@ def test_a_monitor_that_joins_inputs_of_different_rates_must_say_which_it_answer
     done = bench.run(spec)
     assert done.status == 2
     assert "error[R2B658 monitor-without-steps]" in done.error
-    assert "/r2b/camera, /r2b/imu" in done.error
+    assert "camera, imu" in done.error
     assert "answers: [camera]" in done.error or "answers: [image]" in done.error
