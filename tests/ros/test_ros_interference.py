@@ -249,7 +249,7 @@ def test_a_node_of_others_takes_part(
             assert done.status == 0, done.stderr
             assert theirs.poll() is None, "the run ended a node that is not its own"
         finally:
-            theirs.terminate()
+            theirs.kill()
 
 
 @only_nightly()
