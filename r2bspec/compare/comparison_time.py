@@ -5,6 +5,7 @@ from __future__ import annotations
 from r2bspec.compare.interleaved_comparison import (
     STARTS_OF_BOTH,
     needs_base_alone,
+    turns_of,
     why_not_by_turns,
 )
 from r2bspec.compare.side_process import STEPS
@@ -22,4 +23,5 @@ def estimate_comparison(head: Plan, pairs: int | None = None) -> TimeEstimate:
     if why_not_by_turns(head, head):
         return estimate_pairs(head, pairs)
     starts = pairs or STARTS_OF_BOTH
-    return estimate_turns(head, starts, STEPS, base_alone=needs_base_alone(head))
+    steps = STEPS * len(turns_of(head))
+    return estimate_turns(head, starts, steps, base_alone=needs_base_alone(head))

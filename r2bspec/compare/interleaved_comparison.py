@@ -15,12 +15,13 @@ from r2bspec.execute.processes.environment import inherited_environment
 from r2bspec.execute.processes.prerequisites import check_middleware
 from r2bspec.judge.measure.metric import MetricInfo
 from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolve
-from r2bspec.judge.ratio_of_starts import can_be_played_by_turns
+from r2bspec.judge.ratio_of_starts import can_be_played_by_turns, turn_kind
 from r2bspec.plan import comparability
 from r2bspec.plan.comparability import IncomparableError
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import Side
 from r2bspec.record.graph_identity import GraphIdentity
+from r2bspec.record.run_record import TurnKind
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ class ComparisonSpec:
         alternates: why the sides are not played by turns; empty if they are.
         needs_base_alone: whether a requirement compares what turns do not show, so that the base
             is played alone, too.
+        turns: what is played by turns.
         buffers_of: the side whose recording both sides play, by turns.
     """
 
@@ -92,6 +94,7 @@ class ComparisonSpec:
     check_run: CheckRun | None = None
     alternates: str = ""
     needs_base_alone: bool = False
+    turns: tuple[TurnKind, ...] = ()
     buffers_of: Side = "base"
 
 
@@ -150,6 +153,7 @@ def prepare_comparison(
         pairs=pairs or usual,
         alternates=alternates,
         needs_base_alone=needs_base_alone(head.plan),
+        turns=turns_of(head.plan),
         against=against,
         control=control,
         differences=tuple(comparability.difference_lines(differences)),
@@ -174,9 +178,15 @@ def why_not_by_turns(base: Plan, head: Plan) -> str:
             return "the load has times of its own"
         if plan.called or single.search or single.sustained_hz or not single.play:
             return "a search, probes or calls are not played step by step"
-    if not any(map(can_be_played_by_turns, _baseline_metrics(head))):
+    if not turns_of(head):
         return NOTHING_BY_TURNS
     return ""
+
+
+def turns_of(head: Plan) -> tuple[TurnKind, ...]:
+    """Return what has to be played by turns for the requirements of a plan."""
+    kinds = map(turn_kind, filter(can_be_played_by_turns, _baseline_metrics(head)))
+    return tuple(dict.fromkeys(kinds))
 
 
 def needs_base_alone(head: Plan) -> bool:

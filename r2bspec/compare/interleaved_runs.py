@@ -193,6 +193,7 @@ class _Pairs(Experiment[Pair]):
             self._folder.path / _BUFFERS,
             buffers_of=comparison.buffers_of,
             seed=self._seed,
+            turns=comparison.turns,
             alone=frozenset({"base", "head"} if comparison.needs_base_alone else {"head"}),
         ) as self._both:
             try:

@@ -224,16 +224,21 @@ def read_pairs(pairs: comparison_folder.PairedComparison, measured: dict[str, Ru
     failed = sum(pair.number <= record.confirmed_from for pair in counted)
     fresh = len(counted) - failed if record.confirmed_from else 0
     looks = InterimLooks.after_pairs(failed, len(counted)) if fresh and failed else None
+    tried = len({pair.number for pair in record.pairs})
     if record.by_turns and not record.control:
         last = record.confirmed_from + record.fresh or record.planned
+        # Looks come after starts that can be judged.
+        last = max(1, last - (tried - len(counted)))
         declared = pair_count(pairs.plan)
-        looks = InterimLooks.after_starts_of_both(last, declared, record.confirmed_from)
+        looks = InterimLooks.after_starts_of_both(
+            last, declared, failed if record.confirmed_from else 0
+        )
     noun = "starts of both sides" if record.by_turns else "pairs"
     return Pairs(
         base=samples("base"),
         head=head,
         merged=merged_samples(pairs.merged(counted, "head"), head),
-        tried=len({pair.number for pair in record.pairs}),
+        tried=tried,
         looks=looks,
         confirms=f"{fresh} more {noun}" if fresh else "",
     )

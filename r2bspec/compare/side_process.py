@@ -36,6 +36,7 @@ from r2bspec.ipc.schedule import Turns
 from r2bspec.plan.plan import Plan
 from r2bspec.record.comparison_folder import Side
 from r2bspec.record.run_folder import RunFolder
+from r2bspec.record.run_record import TurnKind
 from r2bspec.safe_io.private_files import private_files
 
 STEPS: Final = 40
@@ -54,6 +55,9 @@ _MOST_LENGTHENED: Final = 3
 
 _LEAD_NS: Final = 150_000_000
 """From the answer to the first due time, so that both players have their schedules."""
+
+TurnsOfRate = tuple[TurnKind, float]
+"""What is played by turns, and the offered rate in hertz."""
 
 _POLL_S: Final = 0.1
 _END_TIMEOUT_S: Final = 60.0
@@ -118,17 +122,21 @@ class BothSides:
 
     Attributes:
         seed: of the coin that decides each pair of steps.
+        turns: what is played by turns at each rate.
         alone: the sides that are also played alone in each start, at each rate.
+        cores: those on which work is measured, one in each start.
         too_long: why a rate could not be played by turns; both sides are then played alone.
     """
 
     seed: int
+    turns: tuple[TurnKind, ...]
     alone: frozenset[Side]
+    cores: tuple[int, ...]
     channels: Mapping[Side, _Channel]
     too_long: str = ""
     _start: int = field(default=0, init=False)
-    _turn_s: dict[float, float] = field(default_factory=dict, init=False)
-    _played_hz: float = field(default=0.0, init=False)
+    _turn_s: dict[TurnsOfRate, float] = field(default_factory=dict, init=False)
+    _played: TurnsOfRate = field(default=("turns", 0.0), init=False)
     _lengthened: int = field(default=0, init=False)
 
     def play(
@@ -210,37 +218,48 @@ class BothSides:
     def _coin(self, what: str) -> random.Random:
         return random.Random(f"{self.seed}/{self._start}/{what}")  # noqa: S311 - no secret
 
-    def _turns(self, rate_hz: float) -> Mapping[Side, Turns | None]:
+    def _turns(self, asked: TurnsOfRate) -> Mapping[Side, Turns | None]:
         """When either side is played: a coin decides which is first in each pair of steps."""
+        kind, rate_hz = asked
+        if kind not in self.turns:
+            return dict.fromkeys(_SIDES)
         if not rate_hz:
             self.too_long = "the recording has its own times"
             return dict.fromkeys(_SIDES)
-        turn_s = self._turn_s.setdefault(rate_hz, 0.5 / rate_hz)
+        turn_s = self._turn_s.setdefault(asked, 0.5 / rate_hz)
         if turn_s > LONGEST_TURN_S or self._lengthened > _MOST_LENGTHENED:
             self._lengthened = 0
             self.too_long = f"a turn would take {turn_s:.1f} s"
             return dict.fromkeys(_SIDES)
         turn_ns = round(turn_s * 1e9)
-        coin = self._coin(f"{rate_hz:g}")
+        coin = self._coin(f"{kind}/{rate_hz:g}")
         base_first = [coin.random() < 0.5 for _ in range(STEPS)]
         begin_ns = time.monotonic_ns() + _LEAD_NS
         delays = {
             "base": tuple(0 if first else turn_ns for first in base_first),
             "head": tuple(turn_ns if first else 0 for first in base_first),
         }
-        self._played_hz = rate_hz
-        return {side: Turns(begin_ns, 0.5e9 / turn_ns, delays[side]) for side in _SIDES}
+        self._played = asked
+        core = self.cores[self._start % len(self.cores)] if kind == "work_turns" else None
+        return {side: Turns(begin_ns, 0.5e9 / turn_ns, delays[side], core) for side in _SIDES}
 
     def _again(self, step_s: float) -> bool:
         """Choose the length of the next turns; True if those of now are played again."""
-        rate_hz, turn_s = self._played_hz, self._turn_s[self._played_hz]
+        (_, rate_hz), turn_s = self._played, self._turn_s[self._played]
         if step_s > turn_s:
-            self._turn_s[rate_hz] = 2 * turn_s
+            self._turn_s[self._played] = 2 * turn_s
             self._lengthened += 1
             return True
-        self._turn_s[rate_hz] = max(0.5 / rate_hz, _ROOM * step_s)
+        self._turn_s[self._played] = max(0.5 / rate_hz, _ROOM * step_s)
         self._lengthened = 0
         return False
+
+
+def _free_cores(sides: Mapping[Side, ComparisonSide]) -> tuple[int, ...]:
+    """Return the cores that no process of either side has to itself; all if there are none."""
+    allowed = os.sched_getaffinity(0)
+    taken = {cpu for side in sides.values() for each in side.plan.processes for cpu in each.cpus}
+    return tuple(sorted(allowed - taken or allowed))
 
 
 @contextlib.contextmanager
@@ -250,6 +269,7 @@ def both_sides(
     *,
     buffers_of: Side,
     seed: int,
+    turns: tuple[TurnKind, ...],
     alone: frozenset[Side],
 ) -> Iterator[BothSides]:
     """Start a process for either side, and end both.
@@ -259,7 +279,8 @@ def both_sides(
         buffers: a folder that does not exist yet; has the messages that both sides play.
         buffers_of: the side whose recording and preprocessors make them.
         seed: of the coins.
-        alone: see `BothSides`.
+        turns: see `BothSides`, and likewise for `alone`.
+        alone: sides.
     """
     context = multiprocessing.get_context("spawn")
     channels: dict[Side, _Channel] = {}
@@ -271,7 +292,7 @@ def both_sides(
             process.start()
             theirs.close()
             channels[side] = _Channel(process, ours)
-        yield BothSides(seed=seed, alone=alone, channels=channels)
+        yield BothSides(seed, turns, alone, _free_cores(sides), channels)
     finally:
         for channel in channels.values():
             channel.connection.close()

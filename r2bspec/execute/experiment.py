@@ -105,15 +105,16 @@ Policy = Callable[[Experiment[Unit]], Iterator[Unit]]
 
 def grow(experiment: Experiment[Unit]) -> Iterator[Unit]:
     """Yield the planned units until a look decides, or the time is over."""
-    units = experiment.planned()
+    units, complete = experiment.planned(), experiment.complete()
     for unit in units:
         yield unit
         if (repeated := experiment.unusable()) is not None:
             yield repeated
         if unit is units[-1]:
             return
-        looks, complete = experiment.looks, experiment.complete()
-        is_look = looks is not None and complete in looks.iterations
+        before, complete = complete, experiment.complete()
+        looks = experiment.looks
+        is_look = looks is not None and complete > before and complete in looks.iterations
         if looks is not None and is_look:
             decision = decide_after_look(
                 looks, looks.completed_looks(complete), experiment.counted()

@@ -185,11 +185,13 @@ class Turns(msgspec.Struct, frozen=True):
         begin_ns: when the first pair of steps begins, on the monotonic clock.
         pair_hz: pairs of steps per second.
         delays_ns: of each step of this side, after the beginning of its pair.
+        core: on which the graphs of both sides run meanwhile; None for all that they may use.
     """
 
     begin_ns: int
     pair_hz: float
     delays_ns: tuple[int, ...]
+    core: int | None = None
 
 
 def round_length_ns(times_ns: list[int]) -> int:

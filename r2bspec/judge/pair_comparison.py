@@ -38,6 +38,7 @@ from r2bspec.judge.ratio_of_starts import (
     judge_baseline_requirements,
     judge_ratio,
     run_value,
+    turn_kind,
     turn_values,
 )
 from r2bspec.judge.requirement_case import RequirementCase
@@ -201,7 +202,7 @@ def _judge_once(objectives: Objectives, pairs: Pairs, policy: DecisionPolicy) ->
 
 
 def _judge_ratio(case: RequirementCase, pairs: Pairs) -> RequirementVerdict:
-    by_turns = can_be_played_by_turns(case.info) and _by_turns(pairs, case.at_hz)
+    by_turns = can_be_played_by_turns(case.info) and _were_by_turns(pairs, case)
     asked = case.info, case.monitor, case.at_hz
     values = [
         turn_values(*asked, before, after)
@@ -213,10 +214,10 @@ def _judge_ratio(case: RequirementCase, pairs: Pairs) -> RequirementVerdict:
     return judge_ratio(case, base, head, by_turns=by_turns)
 
 
-def _by_turns(pairs: Pairs, at_hz: float | None) -> bool:
-    """Whether both sides were played by turns at a rate in every start of both."""
-    runs = [*pairs.base, *pairs.head]
-    return bool(runs) and all(run.turns_at(at_hz) is not None for run in runs)
+def _were_by_turns(pairs: Pairs, case: RequirementCase) -> bool:
+    """Whether both sides were played by turns for a requirement in every start of both."""
+    kind, runs = turn_kind(case.info), [*pairs.base, *pairs.head]
+    return bool(runs) and all(run.turns_at(kind, case.at_hz) is not None for run in runs)
 
 
 def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdict:

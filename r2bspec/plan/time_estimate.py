@@ -164,7 +164,7 @@ def estimate_turns(plan: Plan, starts: int, steps: int, *, base_alone: bool) -> 
     Args:
         plan: of the head, with all iterations.
         starts: the most of them.
-        steps: of each side, at each rate, in each start.
+        steps: of each side, at each rate, in each start, by turns.
         base_alone: whether the base is also played alone.
     """
     once = estimate_time(without_overhead(single_run_plan(plan))).phases

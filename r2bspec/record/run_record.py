@@ -77,12 +77,24 @@ class PhaseTime(msgspec.Struct, frozen=True, kw_only=True):
 
 
 SegmentKind = Literal[
-    "warm_up", "probe", "sustained", "iteration", "confirmation", "recorded", "anatomy", "turns"
+    "warm_up",
+    "probe",
+    "sustained",
+    "iteration",
+    "confirmation",
+    "recorded",
+    "anatomy",
+    "turns",
+    "work_turns",
 ]
 """The purpose of a segment; those of the confirmation run after a failure are ``confirmation``, the
 messages of ``recorded`` are in a bag of the run folder, and ``anatomy`` is the one that is observed
 from inside where the others are not. ``turns`` was played by turns with the other side of a
-comparison; its `index` is the place of the rate in the plan, from 1."""
+comparison; its `index` is the place of the rate in the plan, from 1. So was ``work_turns``, with
+the graphs of both sides on the same core."""
+
+TurnKind = Literal["turns", "work_turns"]
+"""The kinds of segments by turns: of metrics of messages, and of work."""
 
 
 class Segment(msgspec.Struct, frozen=True, kw_only=True):
@@ -100,6 +112,7 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
         start: the start of the graph's processes that it was played in, from 1.
         live: whether nothing was played, because the graph has its own source. The window is then
             the one in which messages were received, and `steps` is 0.
+        core: the CPU on which both graphs of a comparison were played; None if on all.
         clock_offset_ns: in a live segment, the system clock minus CLOCK_MONOTONIC; None if that
             changed by more than a millisecond.
     """
@@ -118,6 +131,7 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
     clock_offset_ns: int | None = None
     monitor_held_ns: Count = 0
     start: Number = 1
+    core: int | None = None
 
     @property
     def length_s(self) -> float:

@@ -138,7 +138,7 @@ def ratio_of_a_start(slowdown: Slowdown, ratio: float, seed: int) -> float:
 def _played(work: NDArray[np.float64]) -> RunSamples:
     run = Simulation(segments=[Played(20, [0.01] * STEPS)]).samples()
     played = replace(run.iterations[20][0], work={"graph": np.array([*work[:-1], math.nan])})
-    return replace(run, turns={20.0: played})
+    return replace(run, turns={("work_turns", 20.0): played})
 
 
 @pytest.mark.parametrize("slowdown", [drifting, alternating, second_is_slower, emptied_caches])

@@ -16,18 +16,20 @@ import shutil
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import msgspec
 import numpy as np
 
 from r2bspec.execute.errors import InterruptedRunError
+from r2bspec.execute.processes.scheduling import on_core
 from r2bspec.execute.start.segment_observation import SegmentObservation
 from r2bspec.execute.start.segments import SegmentHeading, SegmentPlayer
 from r2bspec.ipc.schedule import Turns
 from r2bspec.judge.measure.matching import MatchedMonitor
 from r2bspec.judge.measure.times import Seconds, seconds
 from r2bspec.plan.plan import Plan, PlayPlan
+from r2bspec.record.run_record import TurnKind
 
 _FILLED_FILE: Final = "filled"
 
@@ -119,7 +121,8 @@ def play_by_turns(plan: Plan, player: SegmentPlayer, partner: Partner) -> None:
         PartnerLeftError: the other side has failed.
     """
     for number, play in enumerate(plan.play, start=1):
-        _play_turns(play, number, player, partner)
+        for kind in get_args(TurnKind):
+            _play_turns(kind, play, number, player, partner)
         place: int | None = partner.meet("alone")
         for turn in range(2):
             if place == turn:
@@ -127,15 +130,19 @@ def play_by_turns(plan: Plan, player: SegmentPlayer, partner: Partner) -> None:
             partner.meet(f"alone-{turn}")
 
 
-def _play_turns(play: PlayPlan, number: int, player: SegmentPlayer, partner: Partner) -> None:
+def _play_turns(
+    kind: TurnKind, play: PlayPlan, number: int, player: SegmentPlayer, partner: Partner
+) -> None:
     """Play a rate by turns, and again while the comparison asks for longer turns."""
     for attempt in itertools.count(1):
-        turns: Turns | None = partner.meet("turns", play.rate_hz)
+        turns: Turns | None = partner.meet("turns", (kind, play.rate_hz))
         if turns is None:
             return
-        name = f"turns-{play.rate_hz:g}Hz" + (f"-{attempt}" if attempt > 1 else "")
-        heading = SegmentHeading("turns", name, "by turns with the other side", number)
-        played = player.play(heading, turns.pair_hz, len(turns.delays_ns), turns=turns)
+        name = kind.replace("_", "-") + f"-{play.rate_hz:g}Hz"
+        name += f"-{attempt}" if attempt > 1 else ""
+        heading = SegmentHeading(kind, name, "by turns with the other side", number)
+        with on_core(turns.core, player.graph_pids):
+            played = player.play(heading, turns.pair_hz, len(turns.delays_ns), turns=turns)
         if not partner.meet("played", usual_step_s(played)):
             return
 

@@ -17,7 +17,7 @@ import os
 import re
 import resource
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -267,9 +267,64 @@ def read_scheduling(pid: int) -> tuple[ThreadSchedulingRecord, ...]:
 def _threads(pid: int) -> list[tuple[int, str]]:
     """The threads of a process and its descendants, with their names; not those that have ended."""
     found = []
-    for member in family(pid):
-        for task in Path(f"/proc/{member}/task").glob("*"):
-            with contextlib.suppress(OSError):
-                name = (task / "comm").read_text(encoding="utf-8", errors="replace").rstrip()
-                found.append((int(task.name), name))
+    for task in _tasks(family(pid)):
+        with contextlib.suppress(OSError):
+            name = (task / "comm").read_text(encoding="utf-8", errors="replace").rstrip()
+            found.append((int(task.name), name))
     return found
+
+
+def _tasks(pids: Iterable[int]) -> Iterator[Path]:
+    """The threads of processes, as the kernel shows them."""
+    for pid in pids:
+        yield from Path(f"/proc/{pid}/task").glob("*")
+
+
+_MOST_PASSES: Final = 5
+"""A thread that another thread starts meanwhile may miss the pass before."""
+
+
+@contextlib.contextmanager
+def on_core(core: int | None, pids: Sequence[int]) -> Iterator[None]:
+    """Let processes run on one core for a time.
+
+    Threads whose CPUs or policy were set, by the spec or by their program, are left as they are,
+    and so are those that this user may not move.
+
+    Args:
+        core: one of those that this process may use; None for no change.
+        pids: of all the processes.
+    """
+    everywhere = os.sched_getaffinity(0)
+    if core is None or everywhere == {core}:
+        yield
+        return
+    bound = set(_ordinary_threads(pids, {core}))
+    _move(pids, everywhere, {core})
+    try:
+        yield
+    finally:
+        _move(pids, {core}, everywhere, but=bound)
+
+
+def _move(
+    pids: Sequence[int], before: set[int], after: set[int], but: Set[int] = frozenset()
+) -> None:
+    """Let ordinary threads that run on certain CPUs run on others."""
+    for _ in range(_MOST_PASSES):
+        threads = set(_ordinary_threads(pids, before)) - but
+        if not threads:
+            return
+        for thread in threads:
+            with contextlib.suppress(OSError):
+                os.sched_setaffinity(thread, after)
+
+
+def _ordinary_threads(pids: Iterable[int], cpus: set[int]) -> Iterator[int]:
+    """The threads of processes that run on these CPUs, and whose policy is not set."""
+    for task in _tasks(pids):
+        thread = int(task.name)
+        with contextlib.suppress(OSError):
+            policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
+            if policy == os.SCHED_OTHER and os.sched_getaffinity(thread) == cpus:
+                yield thread

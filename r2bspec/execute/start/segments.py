@@ -59,7 +59,7 @@ PLAYBACK_ROWS = "playback"
 """The player's files (`r2bspec.ipc.playback_file`); those of the monitors end in ``.rows``."""
 
 _CHECK_INTERVAL_S = 0.25
-_JUDGED_KINDS: Final = frozenset({"iteration", "sustained", "confirmation", "turns"})
+_JUDGED_KINDS: Final = frozenset({"iteration", "sustained", "confirmation", "turns", "work_turns"})
 _OBSERVED_KINDS: Final = _JUDGED_KINDS | {"anatomy"}
 """Whose events are kept: nobody reads those of a warm-up or of a probe."""
 
@@ -98,6 +98,7 @@ class SegmentPlayer:
         segments: all that have been played.
         samples: of the segments that are judged, by id, without those of processes and the host.
         schedule: of the player; without steps if there is none.
+        graph_pids: of the processes whose work is recorded.
         on_output_stopped: is called once for each monitor whose output stops, after the segment.
     """
 
@@ -150,6 +151,7 @@ class SegmentPlayer:
         self._stamps: list[NDArray[np.int64]] = []
         # The process of each clock that the player reads, by its index in the record.
         self._clocks: tuple[int, ...] = ()
+        self.graph_pids: tuple[int, ...] = ()
         self._unasked = UnaskedOutputs(lambda found: np.isin(found, self._earlier_stamps()))
 
     def play(
@@ -195,6 +197,7 @@ class SegmentPlayer:
                     complete=complete,
                     played_before=observation.played_before,
                     monitor_held_ns=self._stall_log.between(began_ns, time.monotonic_ns()),
+                    core=turns.core if turns is not None else None,
                 )
         self._detect_stopped_outputs(heading.kind, observation)
         return observation
@@ -211,7 +214,8 @@ class SegmentPlayer:
         if not isinstance(self._playback, PlaybackReader) or self._player is None:
             return
         pids = [(index, pid) for index, family in processes.items() for pid in family]
-        command = protocol.WatchClocks(pids=tuple(pid for _, pid in pids))
+        self.graph_pids = tuple(pid for _, pid in pids)
+        command = protocol.WatchClocks(pids=self.graph_pids)
         reply = self._supervisor.request(self._player, command, protocol.Watched)
         self._clocks = tuple(index for index, _ in pids[: reply.clocks])
 

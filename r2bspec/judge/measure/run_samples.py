@@ -458,9 +458,11 @@ def run_samples(
     first = replace(
         first,
         turns={
-            plan.play[segment.index - 1].rate_hz: replace(samples_of(segment), **used[segment.id])
+            (segment.kind, plan.play[segment.index - 1].rate_hz): replace(
+                samples_of(segment), **used[segment.id]
+            )
             for segment in record.segments
-            if segment.kind == "turns" and segment.complete
+            if (segment.kind == "turns" or segment.kind == "work_turns") and segment.complete
         },
     )
     fresh = record.confirmation

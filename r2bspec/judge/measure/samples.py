@@ -13,7 +13,7 @@ from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse, pool
 from r2bspec.judge.measure.metric_catalogue import NO_SUBJECTS, Subjects
 from r2bspec.judge.measure.sample_table import MonitorSamples
 from r2bspec.judge.measure.times import Seconds, mean_rate, seconds
-from r2bspec.record.run_record import RunRecord, Segment
+from r2bspec.record.run_record import RunRecord, Segment, TurnKind
 from r2bspec.record.sample_arrays import Rows
 
 if TYPE_CHECKING:
@@ -122,7 +122,8 @@ class RunSamples:
         confirmation: the confirmation session that was played after a failure, as a run of its own.
         peak_hz: the rate that counts as the peak: the highest sustained rate of the search.
         subjects: what there are metrics of, besides the monitors.
-        turns: offered rate to what was played by turns with the other side of a comparison.
+        turns: what was played by turns with the other side of a comparison, by kind and offered
+            rate.
     """
 
     record: RunRecord
@@ -135,7 +136,7 @@ class RunSamples:
     peak_hz: float | None = None
     mode: str = "looping"
     subjects: Subjects = NO_SUBJECTS
-    turns: Mapping[float, SegmentSamples] = field(default_factory=dict)
+    turns: Mapping[tuple[TurnKind, float], SegmentSamples] = field(default_factory=dict)
 
     @property
     def own_rate(self) -> bool:
@@ -165,10 +166,14 @@ class RunSamples:
         rates = self.iterations.items()
         return next((played for rate, played in rates if math.isclose(rate, at_hz)), ())
 
-    def turns_at(self, at_hz: float | None) -> SegmentSamples | None:
+    def turns_at(self, kind: TurnKind, at_hz: float | None) -> SegmentSamples | None:
         """Return what was played by turns for a rate; None if nothing was."""
-        found = (turns for rate, turns in self.turns.items() if math.isclose(rate, at_hz or 0.0))
-        return next(found, None)
+        of_kind = (
+            played
+            for (its_kind, rate), played in self.turns.items()
+            if its_kind == kind and math.isclose(rate, at_hz or 0.0)
+        )
+        return next(of_kind, None)
 
     def with_each(self, change: Callable[[SegmentSamples], SegmentSamples | None]) -> RunSamples:
         """The run with each iteration as it is changed, without those that become None."""

@@ -8,10 +8,13 @@ import pytest
 
 from r2bspec.compare.side_process import STEPS, BothSides
 from r2bspec.ipc.schedule import Turns
+from r2bspec.record.run_record import TurnKind
+
+CORES = (0, 2, 5)
 
 
-def both_sides() -> BothSides:
-    return BothSides(seed=1, alone=frozenset({"head"}), channels={})
+def both_sides(seed: int = 1, turns: tuple[TurnKind, ...] = ("turns",)) -> BothSides:
+    return BothSides(seed, turns, frozenset({"head"}), CORES, channels={})
 
 
 def asked(both: BothSides, point: str, base: Any, head: Any) -> dict[str, Any]:
@@ -19,9 +22,12 @@ def asked(both: BothSides, point: str, base: Any, head: Any) -> dict[str, Any]:
     return {"base": answers["base"], "head": answers["head"]}
 
 
+def asked_turns(both: BothSides, rate_hz: float, kind: TurnKind = "turns") -> dict[str, Any]:
+    return asked(both, "turns", (kind, rate_hz), (kind, rate_hz))
+
+
 def turns(rate_hz: float, seed: int = 1) -> dict[str, Turns]:
-    both = BothSides(seed=seed, alone=frozenset({"head"}), channels={})
-    return asked(both, "turns", rate_hz, rate_hz)
+    return asked_turns(both_sides(seed), rate_hz)
 
 
 def due_ns(side: Turns) -> list[int]:
@@ -55,7 +61,7 @@ def test_turns_are_twice_as_long_while_steps_of_a_side_outlast_them() -> None:
     both = both_sides()
 
     def pair_hz() -> float:
-        return float(asked(both, "turns", 20.0, 20.0)["head"].pair_hz)
+        return float(asked_turns(both, 20.0)["head"].pair_hz)
 
     def again(base_s: float, head_s: float) -> bool:
         answers = asked(both, "played", base_s, head_s)
@@ -78,7 +84,7 @@ def test_turns_are_twice_as_long_while_steps_of_a_side_outlast_them() -> None:
 def test_steps_that_never_fit_are_played_alone(rate_hz: float, most: int) -> None:
     both = both_sides()
     played = 0
-    while asked(both, "turns", rate_hz, rate_hz)["head"] is not None:
+    while asked_turns(both, rate_hz)["head"] is not None:
         played += 1
         asked(both, "played", 0.0, 100.0)
     assert played == most
@@ -88,5 +94,24 @@ def test_steps_that_never_fit_are_played_alone(rate_hz: float, most: int) -> Non
 
 def test_a_recording_with_its_own_times_is_not_played_by_turns() -> None:
     both = both_sides()
-    assert asked(both, "turns", 0.0, 0.0) == {"base": None, "head": None}
+    assert asked_turns(both, 0.0) == {"base": None, "head": None}
     assert both.too_long == "the recording has its own times"
+
+
+def test_work_is_played_with_both_graphs_on_one_core_and_on_another_in_the_next_start() -> None:
+    both = both_sides(turns=("work_turns",))
+    cores = []
+    for start in range(1, 2 * len(CORES) + 1):
+        both._start = start
+        played = asked_turns(both, 20.0, "work_turns")
+        assert played["base"].core == played["head"].core
+        cores.append(played["head"].core)
+    assert set(cores[: len(CORES)]) == set(cores[len(CORES) :]) == set(CORES)
+    assert asked_turns(both_sides(), 20.0)["head"].core is None
+
+
+def test_only_what_requirements_ask_for_is_played_by_turns() -> None:
+    both = both_sides(turns=("work_turns",))
+    assert asked_turns(both, 20.0, "turns") == {"base": None, "head": None}
+    assert not both.too_long
+    assert asked_turns(both, 20.0, "work_turns")["base"] is not None

@@ -15,6 +15,7 @@ from r2bspec.execute.errors import RunError
 from r2bspec.execute.processes.scheduling import (
     apply_to_process,
     locked_bytes,
+    on_core,
     read_scheduling,
     require_permitted,
     schedule_threads,
@@ -68,6 +69,50 @@ def test_processors_and_niceness(sleeper: subprocess.Popen[bytes]) -> None:
     apply_to_process(process_plan("detector", cpus=(FIRST,), nice=nice), sleeper.pid)
     (seen,) = read_scheduling(sleeper.pid)
     assert (seen.cpus, seen.nice, seen.policy, seen.count) == ((FIRST,), nice, "other", 1)
+
+
+several_cpus = pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="needs two CPUs")
+
+
+@several_cpus
+def test_all_threads_run_on_one_core_for_a_time(threads: subprocess.Popen[bytes]) -> None:
+    everywhere = tuple(sorted(os.sched_getaffinity(0)))
+
+    def cpus() -> set[tuple[int, ...]]:
+        return {record.cpus for record in read_scheduling(threads.pid)}
+
+    with on_core(FIRST, [threads.pid]):
+        assert cpus() == {(FIRST,)}
+    assert cpus() == {everywhere}
+    assert os.sched_getaffinity(0) == set(everywhere)
+
+
+@several_cpus
+@pytest.mark.parametrize("core", sorted(os.sched_getaffinity(0))[:2])
+def test_a_process_with_cpus_of_its_own_keeps_them(
+    sleeper: subprocess.Popen[bytes], core: int
+) -> None:
+    os.sched_setaffinity(sleeper.pid, {FIRST})
+    with on_core(core, [sleeper.pid]):
+        assert os.sched_getaffinity(sleeper.pid) == {FIRST}
+    assert os.sched_getaffinity(sleeper.pid) == {FIRST}
+
+
+@several_cpus
+def test_a_process_with_a_policy_of_its_own_is_not_moved(
+    sleeper: subprocess.Popen[bytes],
+) -> None:
+    os.sched_setscheduler(sleeper.pid, os.SCHED_BATCH, os.sched_param(0))
+    with on_core(FIRST, [sleeper.pid]):
+        assert os.sched_getaffinity(sleeper.pid) == os.sched_getaffinity(0)
+
+
+def test_processes_that_have_ended_do_not_hinder(sleeper: subprocess.Popen[bytes]) -> None:
+    with on_core(FIRST, [sleeper.pid]):
+        sleeper.kill()
+        sleeper.wait()
+    with on_core(FIRST, [sleeper.pid]):
+        assert sleeper.returncode is not None
 
 
 @real_time

@@ -25,10 +25,13 @@ NAN = math.nan
 
 
 def side(latencies: list[float], work: list[float]) -> RunSamples:
-    """A side whose graph was played by turns at 10 Hz."""
-    run = Simulation(segments=[Played(10, latencies)]).samples()
-    played = replace(run.iterations[10][0], work={"graph": np.array([*work, NAN])})
-    return replace(run, turns={10.0: played})
+    """A side whose graph was played by turns at 10 Hz; what either kind does not show is odd."""
+    run, slow = (
+        Simulation(segments=[Played(10, each)]).samples() for each in (latencies, [5.0, 1.0, 9.0])
+    )
+    free = replace(run.iterations[10][0], work={"graph": np.array([9.0, 1.0, 5.0, NAN])})
+    on_a_core = replace(slow.iterations[10][0], work={"graph": np.array([*work, NAN])})
+    return replace(run, turns={("turns", 10.0): free, ("work_turns", 10.0): on_a_core})
 
 
 def values_of(metric: str, base: RunSamples, head: RunSamples) -> tuple[float | None, float | None]:
