@@ -1,7 +1,8 @@
-"""How the inputs of a first spec are played: what makes the steps, and what is played beside them.
+"""How `init` lets the inputs of a recording be played.
 
-One input makes the steps. Inputs of its rate whose messages belong together by their stamps are in
-each step; other inputs keep their own rate between the steps; a map is published once.
+One input leads: each of its messages makes a step. Inputs of the same rate whose stamps match those
+of the leading input are in the steps, too. Other inputs are played between the steps, at their own
+rate. A map is published once.
 """
 
 from __future__ import annotations
@@ -20,19 +21,19 @@ from r2bspec.language.spec import QoS
 from r2bspec.plan.nearest_stamps import clock_ahead, pair_nearest
 
 _SAME_RATE: Final = 1.2
-"""Rates that differ by more than this factor are different ones."""
+"""Inputs whose rates differ by at most this factor have the same rate."""
 _SELDOM: Final = 10
-"""A latched topic with so many times fewer messages than the input with most is published once."""
+"""A latched topic is published once if the input with most messages has so many times as many."""
 _PAIRED: Final = 0.95
-"""Of the messages, so many have a partner in inputs of the same steps."""
+"""The least share of messages with a partner, for inputs that are played in the same steps."""
 _MILLISECOND_NS: Final = 1_000_000
 
 
 def lead_of(inputs: Mapping[str, TopicInfo], answered: Collection[str]) -> str:
     """Return the input that makes the steps; empty without inputs.
 
-    It is one whose messages make a node publish, where that is known, and otherwise the slowest
-    input, because a node that joins inputs has an output for each message of the slowest.
+    Where it is known which messages make a node publish, it is one of these inputs; otherwise the
+    slowest input, because a node that joins inputs publishes once for each message of the slowest.
     """
     latched = latched_inputs(inputs)
     moving = [topic for topic in inputs if topic not in latched]

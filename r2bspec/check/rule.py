@@ -141,7 +141,7 @@ PREPROCESS_FLOW = "feed"
 
 
 def near_file(path: FilePath) -> str:
-    """Return help that names the file beside a missing one that is spelt like it; else empty."""
+    """Return help that names a file in the same folder with a similar name; empty if none has."""
     close = did_you_mean(path.name, names_if_any(path.parent))
     return f"did you mean {quote(close)}?" if close else ""
 

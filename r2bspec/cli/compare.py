@@ -39,10 +39,7 @@ _MARGIN = "5 %"
 @shared_options.output_option
 @shared_options.spec_options
 @shared_options.queue_options
-@shared_options.format_option("text", "json", "markdown")
-@shared_options.quiet_option
-@shared_options.verbose_option
-@shared_options.reports_option
+@shared_options.result_options("text", "json", "markdown")
 def command(
     what: tuple[str, ...],
     values: SelectionValues,
@@ -66,6 +63,8 @@ def command(
         if reports:
             raise click.UsageError("finished runs are compared without --report: use --format")
         options.refuse("is for specs, which are played", *_FOR_SPECS)
+        if any(values.values()):
+            raise click.UsageError("--set, --var, --case and --allow-path are for specs")
         return _compare_finished(what, margin, options)
     if margin is not None:
         raise click.UsageError("--margin is for finished runs; a spec has its limits in 'slos'")
@@ -88,7 +87,7 @@ def command(
     return run_single(SpecSelection(Path(what[-1]), **values), options)
 
 
-_FOR_SPECS = ("--pairs", "--output", "--no-lock", "--wait")
+_FOR_SPECS = ("--pairs", "--output", "--no-lock", "--wait", "--quiet", "--verbose")
 
 
 def _is_finished(path: str) -> bool:

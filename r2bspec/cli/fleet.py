@@ -52,10 +52,7 @@ def command() -> None:
 @shared_options.suite_options
 @shared_options.against_option
 @shared_options.pairs_option
-@shared_options.format_option()
-@shared_options.quiet_option
-@shared_options.verbose_option
-@shared_options.reports_option
+@shared_options.result_options()
 def run_command(
     specs: tuple[str, ...],
     values: SelectionValues,

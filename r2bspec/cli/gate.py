@@ -46,10 +46,7 @@ if TYPE_CHECKING:
 @shared_options.sets_option
 @shared_options.variables_option
 @shared_options.queue_options
-@shared_options.format_option()
-@shared_options.quiet_option
-@shared_options.verbose_option
-@shared_options.reports_option
+@shared_options.result_options()
 def command(
     specs: tuple[str, ...],
     base: str,

@@ -122,10 +122,7 @@ class RunArguments:
     "perf, py-spy, nsys, or any program that runs the command after its own words.",
 )
 @shared_options.queue_options
-@shared_options.format_option()
-@shared_options.quiet_option
-@shared_options.verbose_option
-@shared_options.reports_option
+@shared_options.result_options()
 def command(
     specs: tuple[str, ...],
     values: SelectionValues,

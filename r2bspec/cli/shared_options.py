@@ -280,3 +280,14 @@ verbose_option = click.option(
     is_flag=True,
     help="The reason of each requirement, and all notes; without it a report has five.",
 )
+
+
+def result_options(*formats: str) -> Callable[[Command], Command]:
+    """Add the options of all verbs that play and report, with the formats of their output."""
+
+    def decorate(command: Command) -> Command:
+        for option in (reports_option, verbose_option, quiet_option, format_option(*formats)):
+            command = option(command)
+        return command
+
+    return decorate

@@ -50,7 +50,7 @@ from r2bspec.judge.verdict import Verdict
 from r2bspec.language.secrets import shown_value
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.comparability import single_run_plan, without_overhead
-from r2bspec.plan.interim_looks import InterimLooks
+from r2bspec.plan.interim_looks import InterimLooks, pairs_that_confirm
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.time_estimate import BOTH_SIDES
 from r2bspec.record.comparison_folder import (
@@ -63,9 +63,6 @@ from r2bspec.record.comparison_folder import (
 )
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.safe_io.private_files import private_files, remove_folder
-
-_LEAST_FRESH = 3
-"""Pairs that confirm a failure."""
 
 _BUFFERS = ".buffers"
 _KILLED = "R2B671: the comparison was killed"
@@ -258,7 +255,7 @@ class _Pairs(Experiment[Pair]):
         if not self._comparison.head.plan.gate.confirm:
             return False
         self._confirmed_from = self._number
-        self._fresh = max(_LEAST_FRESH, self._number // 2)
+        self._fresh = pairs_that_confirm(self._number)
         self._note(f"it fails after {self._number} {self._noun}: {self._fresh} more confirm it")
         return True
 

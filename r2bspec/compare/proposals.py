@@ -137,7 +137,9 @@ def propose_objectives(
         return proposal
     candidates = [
         entry
-        for entry in _candidates(loaded.spec, result, proposal.notes, gated=_has_gate(loaded))
+        for entry in _candidates(
+            loaded.spec, result, proposal.notes, gated=_has_gate(loaded.spec, loaded.tree)
+        )
         if entry.texts
     ]
     passed = _passed(candidates, judge)
@@ -156,11 +158,8 @@ def propose_objectives(
             proposal.notes.append(f"{proposed.what}: the run is too short to show a limit")
         else:
             proposal.added.setdefault(proposed.objective, []).append(chosen)
-    disturbed, played = (
-        len(result.verdict.disturbed),
-        sum(len(rate.iterations) for rate in result.metrics.rates),
-    )
-    if disturbed:
+    if disturbed := len(result.verdict.disturbed):
+        played = sum(len(rate.iterations) for rate in result.metrics.rates)
         proposal.notes.append(
             f"other programs disturbed {disturbed} of {played} iterations: these limits are those "
             "of a busy machine, and a quiet one may have tighter ones"
@@ -170,16 +169,12 @@ def propose_objectives(
     return proposal
 
 
-def _has_gate(loaded: LoadedSpec) -> bool:
+def _has_gate(spec: Spec, tree: TreeNode | None) -> bool:
     """Return True if the spec says how it is gated, or compares something with the base."""
-    requirements = (
-        [one for each in loaded.spec.slos.values() for one in each.require]
-        if (loaded.spec is not None)
-        else []
-    )
-    return any(one.of_baseline for one in requirements) or (
-        loaded.tree is not None and lookup(loaded.tree, ("benchmark", "gate")) is not None
-    )
+    if tree is not None and lookup(tree, ("benchmark", "gate")) is not None:
+        return True
+    objectives = spec.slos.values()
+    return any(limit.of_baseline for objective in objectives for limit in objective.require)
 
 
 def _candidates(

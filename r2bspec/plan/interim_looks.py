@@ -56,6 +56,12 @@ _EARLY_SHARE: Final = 0.7
 
 FIRST_LOOK_BY_TURNS: Final = 5
 
+
+def pairs_that_confirm(failed: int) -> int:
+    """Return how many fresh pairs are played after so many have failed."""
+    return max(3, failed // 2)
+
+
 MAX_LOOKS: Final = 20
 """With more, each would have too little of the error to decide anything."""
 

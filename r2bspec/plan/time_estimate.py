@@ -15,7 +15,7 @@ from r2bspec.diagnostics.quote import time_text
 from r2bspec.language.benchmark_defaults import PROBE, SEARCH_CONFIRMATIONS, SEARCH_PROBES
 from r2bspec.language.spec import StartWaits
 from r2bspec.plan.comparability import pair_count, single_run_plan, without_overhead
-from r2bspec.plan.interim_looks import FIRST_LOOK_BY_TURNS
+from r2bspec.plan.interim_looks import FIRST_LOOK_BY_TURNS, pairs_that_confirm
 from r2bspec.plan.plan import Plan, PlayPlan
 
 _LOAD_S = 0.5
@@ -150,7 +150,7 @@ def estimate_pairs(plan: Plan, pairs: int | None = None) -> TimeEstimate:
     played = pairs or pair_count(plan)
     if plan.gate.time_budget_ns:
         played = max(1, min(played, int(plan.gate.time_budget_ns / 1e9 / (2 * once.seconds))))
-    most = played + max(3, played // 2) if _may_be_confirmed(plan) else played
+    most = played + pairs_that_confirm(played) if _may_be_confirmed(plan) else played
     return TimeEstimate(once.phases, 2 * most * once.seconds, 2 * played)
 
 
@@ -174,7 +174,7 @@ def estimate_turns(plan: Plan, starts: int, steps: int, *, base_alone: bool) -> 
     up_s = once.get("start", 0.0) + once.get("graph", 0.0)
     alone_s = once.get("play", 0.0) if base_alone else 0.0
     start_s = sum(once.values()) - loaded_s + up_s + turns_s + alone_s
-    most = starts + max(3, starts // 2) if _may_be_confirmed(plan) else starts
+    most = starts + pairs_that_confirm(starts) if _may_be_confirmed(plan) else starts
     once_s = _SIDES_START_S + loaded_s
     return TimeEstimate(
         {BOTH_SIDES: start_s},

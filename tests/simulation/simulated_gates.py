@@ -27,7 +27,7 @@ from r2bspec.judge.statistics.t_interval import (
     scatter_level,
 )
 from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
-from r2bspec.plan.interim_looks import InterimLooks
+from r2bspec.plan.interim_looks import InterimLooks, pairs_that_confirm
 
 CONFIDENCE = 0.95
 LOOKS = InterimLooks((10, 20, 40))
@@ -356,7 +356,7 @@ def pairs_errors(
         ratio: of the head to the base, in truth.
         limit: of ``>= limit of baseline``.
     """
-    random, found, more = np.random.default_rng(1), Errors(runs), max(3, pairs // 2)
+    random, found, more = np.random.default_rng(1), Errors(runs), pairs_that_confirm(pairs)
     looks = InterimLooks.after_pairs(pairs, pairs + more)
 
     def outcome(base: Values, head: Values, look: int) -> int:

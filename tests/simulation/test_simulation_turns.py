@@ -22,7 +22,7 @@ from r2bspec.compare.side_process import STEPS
 from r2bspec.judge.measure.metric_catalogue import Subjects, resolve
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.ratio_of_starts import trimmed_interval, turn_values
-from r2bspec.plan.interim_looks import InterimLooks
+from r2bspec.plan.interim_looks import InterimLooks, pairs_that_confirm
 from run_simulation import Played, Simulation
 
 pytestmark = pytest.mark.simulation
@@ -43,7 +43,7 @@ def play(world: str, ratio: float, seed: int) -> tuple[str, int]:
     for look, end in enumerate(looks.iterations, start=1):
         outcome = judged(values[:end].tolist(), looks.confidence_at(look))
         if outcome == "fail":
-            end += max(3, end // 2)
+            end += pairs_that_confirm(end)
             return judged(values[:end].tolist(), looks.confidence_at(look)), end
         if outcome == "pass":
             return outcome, end

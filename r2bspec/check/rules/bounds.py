@@ -125,7 +125,7 @@ def bound_backwards(context: Context) -> Findings:
             continue
         at_least, more_is_better = requirement.op in {">", ">="}, metric.info.metric.more_is_better
         name, written = quote(metric.info.name), f"{100 * bound.value:g} %"
-        half = _HALF if bound.of_baseline else 0.0
+        is_margin = bound.of_baseline and bound.value < _HALF
         most_hz = _most_hz(context, metric) if at_least and not bound.of_baseline else None
         severity: SeverityName | None = None
         if bound.of_baseline and requirement.op not in {"==", "!="} and at_least != more_is_better:
@@ -142,17 +142,12 @@ def bound_backwards(context: Context) -> Findings:
         elif most_hz is not None and bound.dimension == "rate" and bound.value >= most_hz:
             message = f"no graph delivers more than the {most_hz:g} Hz that are offered"
             help_text = "write '>= 98 % of offered'"
-        elif bound.of_baseline and not at_least and bound.value < half:
-            message = f"{name} passes only if it needs {written} of what the base needs"
-            help_text = (
-                f"for a margin of {written}, write '<= {100 + 100 * bound.value:g} % of baseline'"
-            )
-            severity = "warning"
-        elif bound.of_baseline and at_least and bound.value < half:
-            message = f"{name} passes with {written} of what the base reaches"
-            help_text = (
-                f"for a margin of {written}, write '>= {100 - 100 * bound.value:g} % of baseline'"
-            )
+        elif is_margin:
+            message, sign = f"{name} passes only if it needs {written} of what the base needs", 1
+            if at_least:
+                message, sign = f"{name} passes with {written} of what the base reaches", -1
+            limit = f"{'>=' if at_least else '<='} {100 + 100 * sign * bound.value:g} %"
+            help_text = f"for a margin of {written}, write '{limit} of baseline'"
             severity = "warning"
         else:
             continue

@@ -189,3 +189,13 @@ def test_no_ros_is_needed_and_a_poor_terminal_is_enough(judged: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     assert "PASS" in done.stdout
     assert "\x1b" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("--set", "a.b=1"), ("--case", "a=1"), ("--quiet",), ("--verbose",), ("--pairs", "3")],
+)
+def test_options_of_specs_are_refused_for_finished_runs(
+    call: Call, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    assert words[0] in call("compare", tmp_path, tmp_path, *words, status=2).err
