@@ -72,6 +72,15 @@ def _encode_int(value: int) -> bytes:
     return (value & (1 << 64) - 1).to_bytes(8, "little")
 
 
+def hash_content(path: Path) -> str:
+    """Hash the content of a bag: independent of storage format, compression, splitting and date.
+
+    Raises:
+        DataError: as `read_messages`.
+    """
+    return _read(path, index_bag(path))[0]
+
+
 def verify(path: Path) -> list[str]:
     """Read a complete bag and list its problems, one sentence each.
 

@@ -174,6 +174,15 @@ def _sample(across: NDArray[np.float32], up: NDArray[np.float32]) -> NDArray[np.
     return np.asarray(below + (above - below) * high_share)
 
 
+def tag_corners_px(tag: scenes.Tag, camera: Camera, pose: Pose) -> list[tuple[float, float]]:
+    """Return where a camera shows the corners of the black square, given world from its frame.
+
+    They go clockwise from the top left in the tag's own image.
+    """
+    half = tag.size_m / 2
+    return _shown(tag, camera, pose, half)
+
+
 def _shown(tag: scenes.Tag, camera: Camera, pose: Pose, half_m: float) -> list[tuple[float, float]]:
     """Return the pixels of the corners of a square around the centre of the tag."""
     to_tag = pose.inverse().compose(tag.pose)
