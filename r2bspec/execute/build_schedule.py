@@ -553,21 +553,20 @@ def place_between(
         RunError: no message was recorded between the steps.
     """
     stamps = index.has_header is True and any(input_.has_header for input_ in inputs)
-    placed: list[BetweenMessage] = []
     for by_stamps in [True, False] if stamps else [False]:
         times_ns = index.stamps_ns if by_stamps else index.times_ns
         round_ns = _step_times(steps, inputs, by_stamps)
-        placed = placed or [
+        placed = [
             BetweenMessage(step + share, number, position)
             for step, share, position in _between_steps(times_ns, round_ns)
         ]
-    if not placed:
-        raise RunError(
-            f"no message of {index.topic} was recorded between the steps of the other inputs",
-            hint="Check the window.",
-            code="R2B644",
-        )
-    return placed
+        if placed:
+            return placed
+    raise RunError(
+        f"no message of {index.topic} was recorded between the steps of the other inputs",
+        hint="Check the window.",
+        code="R2B644",
+    )
 
 
 def _between_steps(

@@ -56,7 +56,8 @@ bool rows_are_open(void)
 
 /* What a thread has for itself. */
 static _Thread_local struct {
-  row_t *row; /* the next one, unless it is in the next slab */
+  row_t *row;  /* the next one, unless it is in the next slab */
+  bool waited; /* the last row is a wait */
   uint32_t id;
   int64_t clock_ns;    /* the system clock less the monotonic one, */
   int64_t compared_ns; /* which were compared at this time */
@@ -139,11 +140,15 @@ static row_t *claim_rows(file_t *file)
   return file->rows + (size_t)slab * SLAB_ROWS;
 }
 
-/* A handler of a signal that adds an event meanwhile may lose that, and never harms others. */
+/* Of waits in a row, the first one stands for all: executors wait again and again, and at once,
+ * while callbacks keep each other out, and some trigger a guard condition before each wait.
+ *
+ * A handler of a signal that adds an event meanwhile may lose that, and never harms others. */
 void rows_add(uint16_t kind, const row_t *event)
 {
   file_t *file = file_now();
-  if (file == NULL) {
+  const bool waits = kind == WAIT || (kind == TRIGGER && me.waited);
+  if (file == NULL || (waits && me.waited)) {
     return;
   }
   if (event->ended_ns - me.compared_ns > CLOCK_VALID_NS) {
@@ -157,6 +162,7 @@ void rows_add(uint16_t kind, const row_t *event)
     }
   }
   me.row = row + 1;
+  me.waited = waits;
   row->object = event->object;
   row->thread = me.id;
   row->flags = event->flags;

@@ -148,6 +148,20 @@ static void publish_in_child(bool again)
   publish(publisher, status == 0 ? 2 : 0);
 }
 
+/* As an executor does whose callbacks keep each other out. */
+static void wait_between_publications(long count)
+{
+  void *publisher = new_publisher("out", &stamped);
+  for (int message = 0; message < 2; message++) {
+    for (long i = 0; i < count; i++) {
+      rcl_wait(NULL, 0);
+      rcl_trigger_guard_condition(NULL);
+    }
+    publish(publisher, 1);
+    rcl_trigger_guard_condition(NULL);
+  }
+}
+
 static void make_publishers(long count)
 {
   for (long i = 0; i < count; i++) {
@@ -176,6 +190,7 @@ __attribute__((visibility("default"))) int call_ros(const char *what, long first
   if (strcmp(what, "threads") == 0) { publish_in_threads(first, second); }
   if (strcmp(what, "brief") == 0) { publish_in_brief_threads(first); }
   if (strcmp(what, "fork") == 0) { publish_in_child(first != 0); }
+  if (strcmp(what, "waits") == 0) { wait_between_publications(first); }
   if (strcmp(what, "objects") == 0) { make_publishers(first); }
   if (strcmp(what, "measure") == 0) { measure(first); }
   if (strcmp(what, "killed") == 0) { publish(new_publisher("out", &stamped), first); kill(getpid(), SIGKILL); }

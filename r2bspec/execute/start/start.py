@@ -454,12 +454,13 @@ class Start:
                 readiness.wait_for_services(supervisor, caller, deadline)
         if player is not None and plan.inputs:
             transforms = subscription_counts(self._graph, buffered_transforms(self._buffer_dir))
-            expected[observer] = {
-                each.topic: transforms.pop(TF_STATIC)
-                if each is STATIC
-                else expected_subscriptions(self._graph, each.topic)
-                for each in self._latched
-            }
+            if self._latched:
+                expected[observer] = {
+                    each.topic: transforms.pop(TF_STATIC)
+                    if each is STATIC
+                    else expected_subscriptions(self._graph, each.topic)
+                    for each in self._latched
+                }
             expected[player] = transforms | {
                 source.topic: expected_subscriptions(self._graph, source.topic)
                 for source in plan.inputs

@@ -243,20 +243,27 @@ def summarise(samples: RunSamples) -> RunMetrics:
     )
 
 
-def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
-    """The metrics of one segment."""
+def measure_segment(samples: SegmentSamples, *, pooled: bool = False) -> SegmentMetrics:
+    """The metrics of one segment, or of the iterations of a rate, pooled.
+
+    What would fit the outputs better is only looked for in all of them.
+    """
     played = samples.playback
     sent = 0 if samples.live else played.sent
     return SegmentMetrics(
-        segment=samples.segment.id,
-        index=samples.segment.index,
+        segment="" if pooled else samples.segment.id,
+        index=None if pooled else samples.segment.index,
         playback=PlaybackMetrics(
             sent=None if samples.live else played.sent,
             rate_hz=None if samples.live else played.rate_hz,
             lateness=distribution(played.lateness),
         ),
         monitors={
-            name: _monitor(seen, samples.hops.get(name, ()))
+            name: _monitor(
+                seen,
+                samples.hops.get(name, ()),
+                seen.fitting_match if pooled and not seen.own_period_s else "",
+            )
             for name, seen in samples.monitors.items()
         },
         processes={
@@ -268,7 +275,7 @@ def measure_segment(samples: SegmentSamples) -> SegmentMetrics:
         if samples.graph is not None
         else None,
         interference=samples.interference,
-        start=samples.segment.start,
+        start=0 if pooled else samples.segment.start,
         anatomy={name: distribution(times) for name, times in samples.anatomy.items()}
         or msgspec.UNSET,
     )
@@ -281,11 +288,10 @@ def _measure_rate(
     pace: Pace,
 ) -> RateMetrics:
     iterations = tuple(map(measure_segment, samples))
-    pooled = measure_segment(pool_segments(samples))
     return RateMetrics(
         offered_hz=rate_hz,
         iterations=iterations,
-        pooled=msgspec.structs.replace(pooled, segment="", index=None, start=0),
+        pooled=measure_segment(pool_segments(samples), pooled=True),
         pace=pace,
         spread={name: _spread(iterations, name) for name in samples[0].monitors},
         reruns=tuple(
@@ -307,7 +313,9 @@ def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spr
     return found
 
 
-def _monitor(seen: MonitorSamples, hops: Sequence[HopSamples]) -> MonitorMetrics:
+def _monitor(
+    seen: MonitorSamples, hops: Sequence[HopSamples], fitting_match: str
+) -> MonitorMetrics:
     values: dict[str, MetricValue] = {}
     for metric in DECLARED:
         if metric.scope is not Scope.MONITOR or not seen.reports(metric):
@@ -322,7 +330,7 @@ def _monitor(seen: MonitorSamples, hops: Sequence[HopSamples]) -> MonitorMetrics
     return MonitorMetrics(
         values=values,
         own_period_s=seen.own_period_s,
-        fitting_match="" if seen.own_period_s else seen.fitting_match,
+        fitting_match=fitting_match,
         unknown_latency=seen.unknown_latency,
         hops=tuple(map(_hop, hops)),
     )

@@ -164,6 +164,14 @@ def test_what_has_no_room_is_counted(tmp_path: Path) -> None:
     assert len(rows) + process.lost == 20_000
 
 
+def test_waits_without_anything_between_them_are_one(tmp_path: Path) -> None:
+    call_ros(tmp_path, "waits", "100000", max_bytes=file_bytes(1000))
+    rows, _, (process,) = AnatomyReader(tmp_path).read()
+    assert process.lost == 0
+    kinds = [AnatomyKind(kind).name for kind in rows["kind"].tolist()]
+    assert kinds == ["WAIT", "PUBLISH", "TRIGGER"] * 2
+
+
 def test_objects_that_have_no_room_are_counted_and_their_events_remain(tmp_path: Path) -> None:
     """Each address is used by many of them, one after another."""
     call_ros(tmp_path, "objects", "3000")
