@@ -12,11 +12,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from r2bspec.authoring.input_roles import input_keys, input_qos, lead_of
 from r2bspec.bags.message_types import begins_with_header
 from r2bspec.bags.offered_qos import offered_profile
 from r2bspec.bags.recorded_times import TopicTimes, read_times
 from r2bspec.bags.recording import BagIndex, TimeWindow, TopicInfo
+from r2bspec.diagnostics.quote import pluralize
 from r2bspec.interop.spec_text import Block, document, identifier, unique_name
 from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.benchmark_defaults import default_starts
@@ -40,6 +43,8 @@ _SHORTEST_ITERATION_S = 2.5
 _LONGEST_ITERATION_S = 10.0
 _LOST_PERCENT = (1, 5, 10)
 """Shares of lost messages that are proposed: the first that the messages of a run can confirm."""
+_ENOUGH_FOR_RATE = 10
+"""With so many messages in the window, their rate is that of the input."""
 _LOADED = "recorded"
 _OFFERED = r"^(?!lifecycle_msgs/)\w+/(srv|action)/\w+$"
 """Types of services and actions that are a node's own."""
@@ -101,7 +106,7 @@ class DraftRecording:
         return self.window or TimeWindow()
 
     def times(self, topics: Mapping[str, TopicInfo]) -> dict[str, TopicTimes]:
-        """Return the times of the used messages with a header, by the names of the inputs."""
+        """Return the times of the used messages, by the names of the inputs."""
         if self.path is None:
             return {}
         names = {info.name for info in topics.values()}
@@ -152,16 +157,16 @@ class _Draft:
             self._select_lead()
         self._select_transforms()
         self._select_outputs()
-        if self.calls and self.recording is not None and not self.inputs:
+        if self.recording is not None and not self.inputs:
             unused = self.recording.written
-            self.unknown.append(f"what {unused} is for: no node subscribes to any topic")
-            self.recording = None
+            self.unknown.append(f"what {unused} is for: no node reads a topic of it")
+            self.recording, self.transforms = None, []
         self._add_missing_source()
 
     def _add_placeholder(self) -> None:
         """Without nodes, a relay of the largest topic shows the recording in use."""
         entry = Block.of({"python": "r2bspec.nodes.RelayNode"})
-        topics = _data_topics(self.recording)
+        topics = [each for each in _data_topics(self.recording) if each.type]
         if topics:
             main = max(topics, key=lambda each: (each.max_message_bytes or 0, each.count))
             entry.add("parameters", {"format": main.type})
@@ -212,15 +217,20 @@ class _Draft:
         ]
 
     def _select_inputs(self) -> None:
-        recorded = {f"/{each.name.lstrip('/')}": each for each in _data_topics(self.recording)}
+        playable = _data_topics(self.recording)
+        recorded = {f"/{each.name.lstrip('/')}": each for each in playable}
         needs = self._open_subscriptions()
         for topic, kind in needs.items():
             match = recorded.get(topic) or recorded.get(topic.removeprefix(self.namespace))
-            if match is not None and kind in {"", match.type}:
+            if match is not None and kind and not match.type:
+                match = replace(match, type=kind)
+                self.unknown.append(f"whether {match.name} is {kind}: the recording names no type")
+            if match is not None and match.type and kind in {"", match.type}:
                 self.inputs[topic] = match
         for topic, kind in needs.items():
             if topic not in self.inputs:
-                self._match_by_type(topic, kind, list(recorded.values()))
+                self._match_by_type(topic, kind, [each for each in playable if each.type])
+        recorded = {topic: each for topic, each in recorded.items() if each.type}
         uncertain = bool(self.measured.possible_subscribers)
         if uncertain:
             named = {topic: recorded[topic] for topic in self.nodes.topics if topic in recorded}
@@ -247,10 +257,14 @@ class _Draft:
             for endpoint in self.measured.endpoints_of(node.name)
             if endpoint.own_name in node.interface.publishing and not endpoint.is_publisher
         }
-        self.lead = lead_of(self.inputs, answered)
-        if not self.lead or self.recording is None:
+        if not self.inputs or self.recording is None:
             return
-        self.keys = input_keys(self.inputs, self.recording.times(self.inputs), self.lead)
+        times = self.recording.times(self.inputs)
+        for topic, each in times.items():
+            if len(each.recorded_ns) >= _ENOUGH_FOR_RATE:
+                self.inputs[topic] = replace(self.inputs[topic], rate_hz=each.rate_hz)
+        self.lead = lead_of(self.inputs, answered)
+        self.keys = input_keys(self.inputs, times, self.lead)
         others = [topic for topic, keys in self.keys.items() if keys.get("rate") == "recorded"]
         if others and self.lead not in answered:
             self.unknown.append(
@@ -272,7 +286,13 @@ class _Draft:
         close = [each for each, number in zip(same, common, strict=True) if number == most]
         close.sort(key=lambda candidate: -len(taken & _words(candidate.name)))
         if not close:
-            self.unknown.append(f"what {topic} gets: the recording has no {kind or 'such topic'}")
+            has = [
+                f"{each.name} as {each.serialization}, which cannot be played"
+                for each in (self.recording.index.topics.values() if self.recording else ())
+                if each.type == kind and each.serialization != "cdr"
+            ]
+            what = f"has {' and '.join(has)}" if has else f"has no {kind or 'such topic'}"
+            self.unknown.append(f"what {topic} gets: the recording {what}")
             return
         self.inputs[topic] = close[0]
         if len(close) > 1:
@@ -421,7 +441,7 @@ class _Draft:
         loaded = {input_.name for input_ in self.inputs.values()}
         loaded |= {name for topic in self.transforms for name in (topic, topic.lstrip("/"))}
         others = [topic for topic in recording.index.topics.values() if topic.name not in loaded]
-        above = ["Also recorded:", *(f"  {other.name} ({other.type})" for other in others)]
+        above = ["Also recorded:", *(f"  {other.name} ({other.type_text})" for other in others)]
         block.add("topics", topics, above if others else [])
         for topic in self.transforms:
             block.add(_TRANSFORMS[topic], True, after="a node reads them")
@@ -534,7 +554,8 @@ def _data_topics(recording: DraftRecording | None) -> list[TopicInfo]:
         for name, each in (recording.index.topics.items() if recording else ())
         if f"/{name.lstrip('/')}" not in _COMMON
         and each.count
-        and re.search(MESSAGE_TYPE.pattern, each.type)
+        and each.serialization == "cdr"
+        and (not each.type or re.search(MESSAGE_TYPE.pattern, each.type))
         and re.search(TOPIC.pattern, each.name)
     ]
 
@@ -551,4 +572,5 @@ def _loaded(topic: TopicInfo) -> str:
 def _described(topic: TopicInfo) -> str:
     size = topic.max_message_bytes
     shown = f", at most {size:,} bytes" if size else ""
-    return f"{topic.rate_hz:.4g} Hz, {topic.count} messages{shown}"
+    rate = f"{topic.rate_hz:.4g} Hz, " if topic.rate_hz else ""
+    return f"{rate}{pluralize(topic.count, 'message')}{shown}"

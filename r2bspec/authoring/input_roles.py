@@ -13,12 +13,12 @@ from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Final
 
-from r2bspec.bags.offered_qos import offered_profile
+from r2bspec.bags.offered_qos import is_latched
 from r2bspec.bags.recorded_times import TopicTimes
 from r2bspec.bags.recording import TopicInfo
 from r2bspec.language.quantities import Duration
 from r2bspec.language.spec import QoS
-from r2bspec.plan.nearest_stamps import clock_ahead, pair_nearest
+from r2bspec.plan.nearest_stamps import LONGEST_DELAY_NS, clock_ahead, pair_nearest
 
 _SAME_RATE: Final = 1.2
 """Inputs whose rates differ by at most this factor have the same rate."""
@@ -46,15 +46,19 @@ def latched_inputs(inputs: Mapping[str, TopicInfo]) -> set[str]:
     most = max((info.count for info in inputs.values()), default=0)
     latched = set()
     for topic, info in inputs.items():
-        offered = offered_profile(info.qos)
         seldom = info.count == 1 or (
-            offered is not None
-            and offered.durability == "transient_local"
-            and info.count * _SELDOM < most
+            is_latched(info.qos) and (info.count * _SELDOM < most or _is_first(info, inputs))
         )
         if seldom and info.count < most:
             latched.add(topic)
     return latched
+
+
+def _is_first(info: TopicInfo, inputs: Mapping[str, TopicInfo]) -> bool:
+    """Return True if all messages of a topic were recorded before those of the other inputs."""
+    others = [other.first_ns for other in inputs.values() if other is not info]
+    begin_ns = min((first_ns for first_ns in others if first_ns is not None), default=0)
+    return info.last_ns is not None and info.last_ns < begin_ns
 
 
 def input_keys(
@@ -64,7 +68,7 @@ def input_keys(
 
     Args:
         inputs: the recorded topic of each input.
-        times: of the inputs whose stamps were read.
+        times: of the inputs whose messages were read.
         lead: the input that makes the steps.
     """
     keys: dict[str, dict[str, Any]] = {topic: {} for topic in inputs}
@@ -74,7 +78,7 @@ def input_keys(
             keys[topic]["rate"] = "once"
         elif not _is_same_rate(info.rate_hz, inputs[lead].rate_hz):
             keys[topic]["rate"] = "recorded"
-    stamped = [topic for topic in times if topic not in latched]
+    stamped = [topic for topic, each in times.items() if each.stamps_ns and topic not in latched]
     right_ns = _right_stamps(keys, {topic: times[topic] for topic in stamped}, lead)
     for topic in stamped:
         if topic == lead or lead not in right_ns or "rate" in keys[topic]:
@@ -92,24 +96,31 @@ def _right_stamps(
 ) -> dict[str, list[int]]:
     """Return the stamps of the inputs that are stamped like the lead, on one clock.
 
-    The key `clock_ahead` is added to inputs whose clock differs.
+    The key `clock_ahead` is added to inputs whose clock differs. Messages with the same stamps, and
+    others of which one was recorded later, are of one clock.
     """
     if lead not in times:
         return {}
-    alike = {
-        topic: each
-        for topic, each in times.items()
-        if each.recorded_ns and each.never_stamped == times[lead].never_stamped
-    }
-    right_ns = {}
+    alike = {topic: each for topic, each in times.items() if each.is_stuck == times[lead].is_stuck}
     recorded_ns = [each.recorded_ns for each in alike.values()]
     ahead_ns = clock_ahead(recorded_ns, [each.stamps_ns for each in alike.values()], 0)
-    for (topic, each), by_ns in zip(alike.items(), ahead_ns, strict=True):
-        # A tenth of a millisecond is more than enough, and reads better.
-        rounded_ns = round(by_ns, -5)
-        right_ns[topic] = [stamp_ns - rounded_ns for stamp_ns in each.stamps_ns]
-        if rounded_ns:
-            keys[topic]["clock_ahead"] = str(Duration(rounded_ns))
+    # A tenth of a millisecond is more than enough, and reads better.
+    by_ns = {topic: round(value, -5) for topic, value in zip(alike, ahead_ns, strict=True)}
+    for topic, each in alike.items():
+        is_late = (
+            abs(by_ns[topic] - by_ns[lead]) < LONGEST_DELAY_NS
+            if "rate" in keys[topic]
+            else _slop_ns(times[lead].stamps_ns, each.stamps_ns) == 0
+        )
+        if is_late:
+            by_ns[topic] = by_ns[lead]
+    least_ns = min(by_ns.values())
+    right_ns = {}
+    for topic, each in alike.items():
+        wrong_ns = by_ns[topic] - least_ns
+        right_ns[topic] = [stamp_ns - wrong_ns for stamp_ns in each.stamps_ns]
+        if wrong_ns:
+            keys[topic]["clock_ahead"] = str(Duration(wrong_ns))
     return right_ns
 
 

@@ -20,7 +20,9 @@ from typing import Any
 
 from r2bspec.authoring.draft_spec import DraftNodes, DraftRecording, draft_text
 from r2bspec.authoring.launch_source import add_launch_nodes, find_launch_file
+from r2bspec.bags.bag_reader import may_be_read
 from r2bspec.bags.recorded_parts import find_parts
+from r2bspec.bags.recorded_times import read_times
 from r2bspec.datasets.catalogue import index, locate
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.errors import R2bspecError, UsageError
@@ -226,7 +228,16 @@ def _recording(bag: str, folder: Path) -> DraftRecording:
     location = locate(bag, Path())
     written = location.dataset or _written(bag, folder)
     found = index(location)
-    parts = find_parts(location.path, found) if location.path is not None else None
+    if not found.message_count:
+        raise UsageError(
+            f"{written} has no messages",
+            hint="Record it again, or leave --from-bag out.",
+            code="R2B321",
+        )
+    times = None
+    if location.path is not None and may_be_read(location.path):
+        times = read_times(location.path, found, found.topics)
+    parts = find_parts(found, times or {})
     if parts is not None:
         return DraftRecording(written, parts.larger, parts.window, location.path)
     return DraftRecording(written, found, path=location.path)

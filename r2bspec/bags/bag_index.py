@@ -12,12 +12,15 @@ from msgspec.structs import replace
 
 from r2bspec.bags import recording
 from r2bspec.bags.metadata import METADATA_NAME, BagMetadata, read_metadata, storage_of
-from r2bspec.bags.storage.storage import open_storages, storage_errors, storage_paths
-
-_HINTS = {
-    ".bag": "convert the bag of ROS 1 with 'rosbags-convert'",
-    ".zstd": "give the folder that contains metadata.yaml, or unpack the file with 'zstd -d'",
-}
+from r2bspec.bags.storage.storage import (
+    PACKED,
+    is_packed,
+    open_storages,
+    other_files_hint,
+    storage_errors,
+    storage_files,
+    storage_paths,
+)
 
 
 def index_bag(path: Path) -> recording.BagIndex:
@@ -39,23 +42,29 @@ def index_bag(path: Path) -> recording.BagIndex:
             code="R2B301",
             hint=f"give a bag folder, a {recording.SUFFIXES_TEXT} file, or a dataset",
         )
-    formats = {suffix: name for name, suffix in recording.SUFFIXES.items()}
-    if path.suffix not in formats:
+    if not storage_of([path.name]):
         raise recording.DataError(
             f"{path} is neither a bag folder nor a {recording.SUFFIXES_TEXT} file",
             code="R2B304",
-            hint=_HINTS.get(path.suffix, "give the folder that contains metadata.yaml"),
+            hint="convert the bag of ROS 1 with 'rosbags-convert'"
+            if path.suffix == ".bag"
+            else "give the folder that contains metadata.yaml",
         )
-    topics = _stored_topics(storage_paths(path, ()))
-    return _index(path, formats[path.suffix], topics, (path.name,))
+    return _index(path, _stored_topics(storage_paths(path, ())), (path.name,))
 
 
 def _index_folder(path: Path) -> recording.BagIndex:
     files = _files_without_metadata(path)
     if files:
-        paths = storage_paths(path, files)
-        return _index(path.resolve(), storage_of(files), _stored_topics(paths), files)
+        return _index(path.resolve(), _stored_topics(storage_paths(path, files)), files)
     metadata = read_metadata(path)
+    there = storage_files(path)
+    if there and not metadata.files:
+        raise recording.DataError(
+            f"{path / METADATA_NAME} names no storage file",
+            code="R2B303",
+            hint=other_files_hint(path, there),
+        )
     if metadata.storage not in recording.SUFFIXES:
         raise recording.DataError(
             f"{path} has the storage format {metadata.storage!r}; supported are "
@@ -64,7 +73,7 @@ def _index_folder(path: Path) -> recording.BagIndex:
             hint="convert it with 'ros2 bag convert'",
         )
     paths = storage_paths(path, metadata.files)
-    compression = _compression(path, metadata)
+    compression = _compression(path, metadata, paths)
     if compression == "file":
         topics: Sequence[recording.TopicInfo] = metadata.topics
     else:
@@ -74,8 +83,10 @@ def _index_folder(path: Path) -> recording.BagIndex:
             for topic in _stored_topics(paths)
         ]
         _check_metadata(path, metadata, topics)
-    index = _index(path.resolve(), metadata.storage, topics, metadata.files)
-    index = replace(index, compression=compression)
+    names = tuple(file.name for file in paths)
+    index = replace(
+        _index(path.resolve(), topics, names), storage=metadata.storage, compression=compression
+    )
     if compression == "file" and index.message_count:
         end_ns = metadata.start_ns + metadata.duration_ns
         index = replace(
@@ -92,19 +103,26 @@ def _files_without_metadata(path: Path) -> tuple[str, ...]:
     """Return the storage files of a recorder that was killed before it wrote metadata.yaml."""
     if (path / METADATA_NAME).exists() or (path / recording.RECORD_NAME).exists():
         return ()
-    suffixes = recording.SUFFIXES.values()
-    return tuple(sorted(file.name for file in path.iterdir() if file.suffix in suffixes))
+    return storage_files(path)
+
+
+def unnamed_files(path: Path, index: recording.BagIndex) -> tuple[str, ...]:
+    """Return the storage files in the folder of a bag that are no part of it."""
+    if not path.is_dir():
+        return ()
+    named = {name.removesuffix(PACKED) for name in index.files}
+    return tuple(name for name in storage_files(path) if name.removesuffix(PACKED) not in named)
 
 
 def _index(
-    path: Path, storage: str, topics: Sequence[recording.TopicInfo], files: tuple[str, ...]
+    path: Path, topics: Sequence[recording.TopicInfo], files: tuple[str, ...]
 ) -> recording.BagIndex:
     spans_ns = [span for topic in topics if (span := topic.span_ns) is not None]
     start_ns = min((first_ns for first_ns, _ in spans_ns), default=0)
     end_ns = max((last_ns for _, last_ns in spans_ns), default=0)
     return recording.BagIndex(
         name=path.name,
-        storage=storage,
+        storage=storage_of(files),
         topics=recording.merge_topics(topics, end_ns - start_ns),
         start_ns=start_ns,
         end_ns=end_ns,
@@ -120,14 +138,16 @@ def _stored_topics(paths: tuple[Path, ...]) -> list[recording.TopicInfo]:
         DataError: R2B304 or R2B313.
     """
     topics: list[recording.TopicInfo] = []
-    with open_storages(paths, compressed_files=False) as storages:
+    with open_storages(paths) as storages:
         for path, storage in zip(paths, storages, strict=True):
             with storage_errors(path):
                 topics += storage.index()
     return topics
 
 
-def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message", "file"]:
+def _compression(
+    path: Path, metadata: BagMetadata, paths: tuple[Path, ...]
+) -> Literal["none", "message", "file"]:
     mode = metadata.compression_mode or "none"
     if mode not in {"none", "message", "file"} or (
         mode != "none" and metadata.compression_format != "zstd"
@@ -138,7 +158,11 @@ def _compression(path: Path, metadata: BagMetadata) -> Literal["none", "message"
             code="R2B302",
             hint="convert it with 'ros2 bag convert'",
         )
-    return cast("Literal['none', 'message', 'file']", mode)
+    for file in paths:
+        with storage_errors(file):
+            if is_packed(file):
+                return "file"
+    return cast("Literal['none', 'message']", "none" if mode == "file" else mode)
 
 
 def _check_metadata(

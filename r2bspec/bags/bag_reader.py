@@ -15,9 +15,16 @@ from r2bspec.bags.recording import (
     RecordedMessage,
     Selection,
     TimeWindow,
+    not_cdr,
     topic_not_found,
 )
-from r2bspec.bags.storage.storage import Storage, open_storages, storage_errors, storage_paths
+from r2bspec.bags.storage.storage import (
+    PACKED,
+    Storage,
+    open_storages,
+    storage_errors,
+    storage_paths,
+)
 from r2bspec.safe_io.limits import MAX_STAMPS_BYTES
 
 
@@ -67,12 +74,7 @@ def _resolve_topics(path: Path, index: BagIndex, topics: Collection[str]) -> fro
         if info is None:
             raise topic_not_found(str(path), topic, index.topics)
         if info.serialization != "cdr":
-            raise DataError(
-                f"{path} has {info.name} serialised as {info.serialization!r}; only 'cdr' is"
-                " supported",
-                code="R2B306",
-                hint="convert the bag with 'ros2 bag convert' on a machine with this format",
-            )
+            raise not_cdr(str(path), info)
         names.add(info.name)
     return frozenset(names)
 
@@ -139,13 +141,16 @@ def _read(
 
 
 def _read_files(path: Path, index: BagIndex, selection: Selection) -> Iterator[RecordedMessage]:
-    packed = index.compression == "file"
     files = storage_paths(path, index.files)
-    if packed:
+    if index.compression == "file":
         # Unpacking takes time and space: what is outside of the window stays packed.
-        spans = {span.name: span for span in read_metadata(path).spans}
-        files = tuple(file for file in files if _is_in_window(spans.get(file.name), selection))
-    with open_storages(files, compressed_files=packed) as storages:
+        spans = {span.name.removesuffix(PACKED): span for span in read_metadata(path).spans}
+        files = tuple(
+            file
+            for file in files
+            if _is_in_window(spans.get(file.name.removesuffix(PACKED)), selection)
+        )
+    with open_storages(files) as storages:
         streams = [
             _read_file(file, storage, selection)
             for file, storage in zip(files, storages, strict=True)

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from r2bspec.bags import recording
-from r2bspec.bags.bag_index import index_bag
+from r2bspec.bags.bag_index import index_bag, unnamed_files
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.storage.storage import storage_errors, storage_paths
 from r2bspec.safe_io.file_search import regular_files
@@ -99,6 +99,10 @@ def verify(path: Path) -> list[str]:
         f"{name}: {info.count:,} messages in the metadata, {counts[name]:,} readable"
         for name, info in index.topics.items()
         if info.serialization == "cdr" and counts[name] != info.count
+    ]
+    problems += [
+        f"{name} is no part of the bag: metadata.yaml does not name it"
+        for name in unnamed_files(path, index)
     ]
     record = recording.read_provenance(path)
     if record is not None:

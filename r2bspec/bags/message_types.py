@@ -1,4 +1,8 @@
-"""Facts about message types, without ROS.
+"""Facts about message types, and the stamps of their messages, without ROS.
+
+A message in CDR begins with four bytes of encapsulation, of which the second gives the byte order
+(odd: little-endian). If the first field is a std_msgs/Header, its stamp follows: int32 seconds,
+then uint32 nanoseconds (OMG DDS-XTypes 1.3, section 7.6.3.1.2).
 
 The types that most graphs use are listed here, because loading `rosbags`, which has all types of
 the common interfaces, takes longer than the rest of a check.
@@ -6,8 +10,9 @@ the common interfaces, takes longer than the rest of a check.
 
 from __future__ import annotations
 
+import struct
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -50,6 +55,25 @@ WITHOUT_HEADER = frozenset(
     }
 )
 """Frequent types without a header."""
+
+
+ENCAPSULATION_BYTES: Final = 4
+_STAMP: Final = {"little": struct.Struct("<iI"), "big": struct.Struct(">iI")}
+STAMP_BYTES: Final = ENCAPSULATION_BYTES + _STAMP["little"].size
+"""The number of bytes at the beginning of a message that contain its stamp."""
+_SECOND_NS: Final = 1_000_000_000
+
+
+def read_stamp(message: bytes | bytearray, offset: int = ENCAPSULATION_BYTES) -> int:
+    """The stamp in nanoseconds, by default the header stamp of a type that begins with a header.
+
+    Raises:
+        struct.error: the message is too short.
+        IndexError: it has no encapsulation.
+    """
+    stamp = _STAMP["little" if message[1] & 1 else "big"]
+    seconds, nanoseconds = stamp.unpack_from(message, offset)
+    return int(seconds) * _SECOND_NS + int(nanoseconds)
 
 
 @cache

@@ -10,14 +10,7 @@ from typing import Any
 import msgspec
 import yaml
 
-from r2bspec.bags.recording import (
-    SUFFIXES,
-    SUFFIXES_TEXT,
-    DataError,
-    TopicInfo,
-    error_hint,
-    error_text,
-)
+from r2bspec.bags.recording import SUFFIXES, DataError, TopicInfo, error_hint, error_text
 from r2bspec.safe_io import limits
 from r2bspec.safe_io.safe_file import open_regular, read_text
 from r2bspec.safe_io.safe_yaml import load_texts
@@ -26,6 +19,7 @@ METADATA_NAME = "metadata.yaml"
 
 _LFS_MAGIC = b"version https://git-lfs.github.com/spec/"
 _MAX_VERSION = 9
+_SHOWN_BAGS = 5
 _OLD_TYPE = re.compile(r"(?P<package>[^/]+)/(?P<name>[^/]+)")
 
 
@@ -88,9 +82,12 @@ def read_metadata(folder: Path) -> BagMetadata:
         check_not_lfs_pointer(path)
         text = read_text(path, max_bytes=limits.MAX_METADATA_BYTES)
     except FileNotFoundError:
+        bags = sorted(part.parent.name for part in folder.glob(f"*/{METADATA_NAME}"))
         raise _unusable(
-            f"{folder} has no {METADATA_NAME}, so it is not a complete rosbag",
-            f"{reindex}, or give the {SUFFIXES_TEXT} file itself",
+            f"{folder} is no complete rosbag: it has no {METADATA_NAME}",
+            f"name a bag in it: {', '.join(bags[:_SHOWN_BAGS])}"
+            if bags
+            else "give the folder of a bag, or its storage file",
         ) from None
     except OSError as error:
         hint = error_hint(error, reindex)
@@ -120,8 +117,8 @@ def _from_document(info: Any) -> BagMetadata:
     # Early versions included the name of the folder.
     files = tuple(PurePath(name).name for name in info["relative_file_paths"] or ())
     metadata = BagMetadata(
-        # Some recorders leave it empty, or out.
-        storage=info.get("storage_identifier") or storage_of(files),
+        # The names of the files are right where recorders leave it empty, out, or write another.
+        storage=storage_of(files) or info.get("storage_identifier", ""),
         files=files,
         start_ns=_int(info["starting_time"]["nanoseconds_since_epoch"]),
         duration_ns=_int(info["duration"]["nanoseconds"]),

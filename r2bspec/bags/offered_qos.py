@@ -8,16 +8,17 @@ import yaml
 
 from r2bspec.language.quantities import Duration
 from r2bspec.language.spec import QoS
+from r2bspec.language.spec_graph import RMW_NUMBERS
 from r2bspec.safe_io.safe_yaml import load_texts
 
 _NO_LIMIT_S: Final = 2**31 - 1
 """Limits from here on are none, however a middleware writes that."""
-_WORDS: Final = {
-    "reliability": {"1": "reliable", "2": "best_effort"},
-    "durability": {"1": "transient_local", "2": "volatile"},
-    "liveliness": {"1": "automatic", "3": "manual_by_topic"},
+_UNLESS_ALL: Final = {
+    "reliability": ("reliable", "best_effort"),
+    "durability": ("transient_local", "volatile"),
+    "liveliness": ("manual_by_topic", "automatic"),
 }
-"""Before version 9 of metadata.yaml, policies are the numbers of rmw."""
+"""The stronger policy, and what is offered unless all publishers have it."""
 
 
 def offered_profile(text: str) -> QoS | None:
@@ -41,21 +42,27 @@ def offered_profile(text: str) -> QoS | None:
         for name in ("deadline", "lifespan", "lease_duration")
     }
     words = {
-        name: weaker if any(each[name] == weaker for each in read) else stronger
-        for name, weaker, stronger in (
-            ("reliability", "best_effort", "reliable"),
-            ("durability", "volatile", "transient_local"),
-            ("liveliness", "automatic", "manual_by_topic"),
-        )
+        name: stronger if all(each[name] == stronger for each in read) else weaker
+        for name, (stronger, weaker) in _UNLESS_ALL.items()
     }
     return QoS.from_keys({**words, **limits})
 
 
+def is_latched(text: str) -> bool:
+    """Return True if all recorded publishers kept their last messages for later subscriptions."""
+    offered = offered_profile(text)
+    return offered is not None and offered.durability == "transient_local"
+
+
 def _profile(written: dict[str, Any]) -> dict[str, Any]:
-    words = {
-        name: names.get(str(written[name]), str(written[name]).lower())
-        for name, names in _WORDS.items()
-    }
+    words = {name: str(written[name]).lower() for name in _UNLESS_ALL}
+    for name, word in words.items():
+        # Before version 9 of metadata.yaml, policies are the numbers of rmw.
+        numbers = {str(number): known for known, number in RMW_NUMBERS[name].items()}
+        words[name] = numbers.get(word, word)
+        if name == "reliability" and words[name] != "best_effort":
+            # The default of a publisher, also where it is not known.
+            words[name] = "reliable"
     return {
         **words,
         "deadline": _limit(written.get("deadline")),

@@ -8,16 +8,16 @@ recording mean nothing; those of its larger part do.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Final
 
 from msgspec.structs import replace
 
-from r2bspec.bags.bag_reader import may_be_read, read_messages
-from r2bspec.bags.recording import BagIndex, DataError, TimeWindow, TopicInfo
+from r2bspec.bags.offered_qos import is_latched
+from r2bspec.bags.recorded_times import TopicTimes
+from r2bspec.bags.recording import BagIndex, TimeWindow, TopicInfo
 
 _SHORTEST_GAP_NS: Final = 10_000_000_000
 _MILLISECOND_NS: Final = 1_000_000
@@ -25,31 +25,33 @@ _MILLISECOND_NS: Final = 1_000_000
 
 @dataclass(frozen=True)
 class RecordedParts:
-    """A gap that is longer than all that was recorded before and after it.
+    """A recording with gaps, each longer than all that was recorded before and after it.
 
     Attributes:
-        gap_ns: its length.
-        after_ns: where it begins, in ns after the start of the recording.
+        gaps_ns: their lengths, the longest one first; further ones are inside of the larger part.
+        is_after: whether the larger part is after the first gap.
         window: the part with more messages, at most a millisecond longer.
-        count: the messages of that part.
-        total: those of the recording.
-        larger: the index of that part.
+        total: the number of messages of the recording.
+        larger: the index of that part, and of latched topics that were recorded before it.
+        count: the number of messages of that part.
     """
 
-    gap_ns: int
-    after_ns: int
+    gaps_ns: tuple[int, ...]
+    is_after: bool
     window: TimeWindow
-    count: int
     total: int
     larger: BagIndex
+    count: int
 
     @property
     def text(self) -> str:
-        """The gap, without a full stop."""
-        return (
-            f"a gap of {_rounded(self.gap_ns)}, and {self.count:,} of its {self.total:,} messages "
-            f"{'after it' if self.window.start_ns > self.after_ns else 'before it'}"
-        )
+        """The gaps, without a full stop."""
+        shares = f"{self.count:,} of its {self.total:,} messages"
+        if len(self.gaps_ns) > 1:
+            gaps = " and ".join(_rounded(gap_ns) for gap_ns in self.gaps_ns)
+            return f"gaps of {gaps}, and {shares} in one piece"
+        side = "after it" if self.is_after else "before it"
+        return f"a gap of {_rounded(self.gaps_ns[0])}, and {shares} {side}"
 
     @property
     def window_text(self) -> str:
@@ -67,54 +69,48 @@ def _rounded(time_ns: int) -> str:
 
 
 def find_parts(
-    path: Path,
-    index: BagIndex,
-    topics: Collection[str] | None = None,
-    window: TimeWindow | None = None,
+    index: BagIndex, times: Mapping[str, TopicTimes], window: TimeWindow | None = None
 ) -> RecordedParts | None:
-    """Return the parts of a recording with a gap; None without a gap, or if it is not read.
-
-    Recordings above 64 MiB are not read, nor those that cannot be read.
+    """Return the parts of a recording with a gap; None without a gap.
 
     Args:
-        path: of the bag.
-        index: its index.
-        topics: whose messages are looked at; None for all.
-        window: only what lies in it.
+        index: of the recording.
+        times: of the topics that are looked at, as far as they are in the window.
+        window: only what lies in it; None for everything.
     """
-    if index.duration_ns < _SHORTEST_GAP_NS or not may_be_read(path):
+    messages = sorted(
+        (time_ns, topic) for topic, each in times.items() for time_ns in each.recorded_ns
+    )
+    total, part = len(messages), window or TimeWindow()
+    gaps_ns: list[int] = []
+    is_after = False
+    while (place := _gap(messages)) is not None:
+        before, after = messages[:place], messages[place:]
+        gaps_ns.append(after[0][0] - before[-1][0])
+        messages = max(after, before, key=len)
+        if messages is after:
+            start_ns = (after[0][0] - index.start_ns) // _MILLISECOND_NS * _MILLISECOND_NS
+            part = replace(part, start_ns=start_ns)
+        else:
+            end_ns = -(-(before[-1][0] + 1 - index.start_ns) // _MILLISECOND_NS) * _MILLISECOND_NS
+            part = replace(part, end_ns=end_ns)
+        is_after = is_after if gaps_ns[1:] else messages is after
+    if not gaps_ns:
         return None
-    if topics is None:
-        topics = [name for name, info in index.topics.items() if info.serialization == "cdr"]
-    try:
-        messages = [
-            (message.time_ns, message.topic) for message in read_messages(path, topics, window)
-        ]
-    except DataError:
-        return None
+    larger = _index_of(index, messages)
+    return RecordedParts(tuple(gaps_ns), is_after, part, total, larger, len(messages))
+
+
+def _gap(messages: list[tuple[int, str]]) -> int | None:
+    """Return the place after a gap that is longer than the rest; None without such a gap."""
     gaps = [
-        (after[0] - before[0], number)
-        for number, (before, after) in enumerate(pairwise(messages), start=1)
+        (after[0] - before[0], place)
+        for place, (before, after) in enumerate(pairwise(messages), start=1)
     ]
-    gap_ns, begin = max(gaps, default=(0, 0))
+    gap_ns, place = max(gaps, default=(0, 0))
     if gap_ns < _SHORTEST_GAP_NS or 2 * gap_ns < messages[-1][0] - messages[0][0]:
         return None
-    before, after = messages[:begin], messages[begin:]
-    larger = max(after, before, key=len)
-    if larger is after:
-        start_ns = (after[0][0] - index.start_ns) // _MILLISECOND_NS * _MILLISECOND_NS
-        part = TimeWindow(start_ns=start_ns, end_ns=window.end_ns if window else None)
-    else:
-        end_ns = -(-(before[-1][0] + 1 - index.start_ns) // _MILLISECOND_NS) * _MILLISECOND_NS
-        part = TimeWindow(start_ns=window.start_ns if window else 0, end_ns=end_ns)
-    return RecordedParts(
-        gap_ns=gap_ns,
-        after_ns=before[-1][0] - index.start_ns,
-        window=part,
-        count=len(larger),
-        total=len(messages),
-        larger=_index_of(index, larger),
-    )
+    return place
 
 
 def _index_of(index: BagIndex, messages: list[tuple[int, str]]) -> BagIndex:
@@ -124,6 +120,10 @@ def _index_of(index: BagIndex, messages: list[tuple[int, str]]) -> BagIndex:
 
     def topic_of(info: TopicInfo) -> TopicInfo:
         count = counts[info.name]
+        is_before = info.last_ns is not None and info.last_ns < messages[0][0]
+        if is_before and (info.count == 1 or is_latched(info.qos)):
+            # It can be published once, from before the window.
+            return info
         lasts_s = (last_ns[info.name] - first_ns[info.name]) / 1e9 if count else 0.0
         return replace(
             info,

@@ -7,62 +7,91 @@ from __future__ import annotations
 
 import statistics
 import struct
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from itertools import compress, pairwise
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
+import msgspec
+
 from r2bspec.bags.bag_reader import read_messages
-from r2bspec.bags.message_types import begins_with_header
+from r2bspec.bags.message_types import begins_with_header, read_stamp
 from r2bspec.bags.recording import BagIndex, DataError, TimeWindow
 from r2bspec.language.quantities import Duration
 
-_STAMP: Final = {True: struct.Struct("<iI"), False: struct.Struct(">iI")}
-_STAMP_AT: Final = 4
 _SECOND_NS: Final = 1_000_000_000
 _MOST_BYTES: Final = 256 << 20
 _SAME_CLOCK_NS: Final = _SECOND_NS // 2
 """Stamps that differ by more from the times of recording are of another clock."""
 _SIMULATED_BEFORE_NS: Final = 315_532_800 * _SECOND_NS
 """Clocks of simulations count from 0; no computer records before 1980."""
+_PAUSE: Final = 5
+"""An interval between messages that is longer than the mean one by this factor is a pause."""
 
 
 class TopicTimes(NamedTuple):
-    """The messages of a topic: times of recording and header stamps, in ns."""
+    """The messages of a topic: times of recording and header stamps, in ns.
+
+    There are no stamps if the type has no header.
+    """
 
     recorded_ns: list[int]
     stamps_ns: list[int]
 
     @property
-    def never_stamped(self) -> bool:
-        """Whether there are several messages, and all of their stamps are 0."""
-        return len(self.stamps_ns) > 1 and not any(self.stamps_ns)
+    def is_stamped(self) -> bool:
+        """Whether all messages have a stamp."""
+        return len(self.stamps_ns) == len(self.recorded_ns)
+
+    @property
+    def is_stuck(self) -> bool:
+        """Whether there are several messages, and their stamps are all the same, such as 0."""
+        return len(self.stamps_ns) > 1 and len(set(self.stamps_ns)) == 1
+
+    @property
+    def rate_hz(self) -> float:
+        """The mean rate without pauses; 0 for fewer than two messages."""
+        intervals_ns = [after - before for before, after in pairwise(self.recorded_ns)]
+        longest_ns = _PAUSE * sum(intervals_ns) / max(1, len(intervals_ns))
+        usual_ns = [interval_ns for interval_ns in intervals_ns if interval_ns <= longest_ns]
+        return len(usual_ns) * 1e9 / sum(usual_ns) if any(usual_ns) else 0.0
 
     @property
     def ahead_ns(self) -> int:
-        """How far the stamps are ahead of the times of recording: the median, to a millisecond."""
-        pairs = zip(self.stamps_ns, self.recorded_ns, strict=True)
-        return round(int(statistics.median(stamp - recorded for stamp, recorded in pairs)), -6)
+        """How far the stamps are ahead of the times of recording: the median, to a millisecond.
+
+        Stamps that were not set do not count.
+        """
+        pairs = zip(self.stamps_ns, self.recorded_ns, strict=False)
+        ahead_ns = [stamp - recorded for stamp, recorded in pairs if stamp]
+        return round(int(statistics.median(ahead_ns)), -6) if ahead_ns else 0
 
     @property
-    def clock(self) -> Literal["same", "unset", "simulated", "other"]:
+    def clock(self) -> Literal["same", "stuck", "simulated", "other", "partly"]:
         """Which clock the stamps are of, compared with the times of recording."""
-        if not self.stamps_ns:
-            return "same"
-        if self.never_stamped:
-            return "unset"
-        if abs(self.stamps_ns[0]) < _SIMULATED_BEFORE_NS:
+        first_ns = next((stamp_ns for stamp_ns in self.stamps_ns if stamp_ns), 0)
+        if self.is_stuck:
+            return "stuck"
+        if 0 < abs(first_ns) < _SIMULATED_BEFORE_NS:
             return "simulated"
-        return "other" if abs(self.ahead_ns) > _SAME_CLOCK_NS else "same"
+        if abs(self.ahead_ns) > _SAME_CLOCK_NS:
+            return "other"
+        return "partly" if first_ns and not all(self.stamps_ns) else "same"
 
     @property
     def clock_text(self) -> str:
         """What is said of another clock; empty for the same."""
+        count = len(self.stamps_ns)
         match self.clock:
-            case "unset":
-                return f"was never stamped: all of its {len(self.stamps_ns)} stamps are 0"
+            case "stuck" if not self.stamps_ns[0]:
+                return f"was never stamped: all of its {count} stamps are 0"
+            case "stuck":
+                return f"has a clock that stands still: all of its {count} stamps are the same"
+            case "partly":
+                return f"was not always stamped: {self.stamps_ns.count(0)} of {count} stamps are 0"
             case "simulated":
                 recorded = "" if abs(self.ahead_ns) > _SAME_CLOCK_NS else " and recorded"
-                first_s = self.stamps_ns[0] / 1e9
+                first_s = next(stamp_ns for stamp_ns in self.stamps_ns if stamp_ns) / 1e9
                 return f"is stamped{recorded} by a simulated clock, from {first_s:.6g} s"
             case "other":
                 side = "ahead of" if self.ahead_ns > 0 else "behind"
@@ -71,27 +100,32 @@ class TopicTimes(NamedTuple):
         return ""
 
 
+class RecordedTimes(msgspec.Struct, frozen=True, kw_only=True):
+    """The times of a bag, by topic; None if it cannot be read."""
+
+    times: dict[str, TopicTimes] | None
+
+
 def read_times(
     path: Path, index: BagIndex, topics: Collection[str], window: TimeWindow | None = None
 ) -> dict[str, TopicTimes] | None:
-    """Return the times of the topics whose messages have a header, by these names.
+    """Return the times of those of the topics that are in the bag as CDR, by these names.
 
-    At most 256 MiB are read. None if a topic is not in the bag, or the bag or the window cannot be
-    read, which others report.
+    At most 256 MiB are read. None if the bag or the window cannot be read, which others report.
     """
     infos = {topic: index.find(topic) for topic in topics}
     times = {
         info.name: TopicTimes([], [])
         for info in infos.values()
-        if info is not None and begins_with_header(info.type) and info.serialization == "cdr"
+        if info is not None and info.serialization == "cdr"
     }
+    stamped = {name for name in times if begins_with_header(index.topics[name].type)}
     read_bytes = 0
     try:
         for message in read_messages(path, times, window):
-            stamp = _STAMP[bool(message.data[1] & 1)]
-            seconds, nanoseconds = stamp.unpack_from(message.data, _STAMP_AT)
             times[message.topic].recorded_ns.append(message.time_ns)
-            times[message.topic].stamps_ns.append(seconds * _SECOND_NS + nanoseconds)
+            if message.topic in stamped:
+                times[message.topic].stamps_ns.append(read_stamp(message.data))
             read_bytes += len(message.data)
             if read_bytes > _MOST_BYTES:
                 break
@@ -102,3 +136,16 @@ def read_times(
         for topic, info in infos.items()
         if info is not None and info.name in times
     }
+
+
+def times_in_window(
+    times: Mapping[str, TopicTimes], index: BagIndex, window: TimeWindow
+) -> dict[str, TopicTimes]:
+    """Return the times of the messages in a window."""
+    selected = {}
+    for topic, (recorded_ns, stamps_ns) in times.items():
+        inside = [window.contains(time_ns - index.start_ns) for time_ns in recorded_ns]
+        selected[topic] = TopicTimes(
+            [*compress(recorded_ns, inside)], [*compress(stamps_ns, inside)]
+        )
+    return selected

@@ -43,6 +43,16 @@ def unreadable(path: Path, reason: str, hint: str = "") -> DataError:
     return DataError(text, code="R2B304", hint=hint or _DAMAGED_HINT)
 
 
+def not_cdr(owner: str, topic: TopicInfo) -> DataError:
+    """The error for a topic whose messages cannot be played (R2B306)."""
+    return DataError(
+        f"{owner} has {topic.name} as {topic.serialization}; only cdr can be played",
+        code="R2B306",
+        hint="record the topic with ROS 2, or convert it with the tools of its writer; "
+        "other topics of the bag can be loaded",
+    )
+
+
 def topic_not_found(owner: str, topic: str, topics: Iterable[str]) -> DataError:
     """The error for a topic that a recording does not have (R2B308)."""
     names = sorted(topics)
@@ -75,6 +85,8 @@ def error_hint(error: Exception, default: str = _DAMAGED_HINT) -> str:
 
 SUFFIXES: Final = {"sqlite3": ".db3", "mcap": ".mcap"}
 """The suffix of the files of each storage format, by its name in metadata.yaml."""
+
+_AND: Final = " and "
 
 SUFFIXES_TEXT: Final = " or ".join(SUFFIXES.values())
 
@@ -110,6 +122,13 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
     max_message_bytes: int | None = None
     first_ns: int | None = None
     last_ns: int | None = None
+
+    @property
+    def type_text(self) -> str:
+        """The type, and the encoding if it cannot be played."""
+        if self.serialization == "cdr":
+            return self.type or "no type"
+        return f"{self.type or 'no type'} as {self.serialization}"
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -328,9 +347,15 @@ def merge_indexes(indexes: Sequence[BagIndex]) -> BagIndex | None:
     )
 
 
+def _all_of(known: str, name: str) -> str:
+    names = known.split(_AND) if known else []
+    return _AND.join([*names, *({name} - {"", *names})])
+
+
 def merge_topics(infos: Iterable[TopicInfo], duration_ns: int) -> dict[str, TopicInfo]:
     """The topics by name, sorted; the message counts of several entries of one are added.
 
+    Types and encodings that differ are all named, so that nothing takes one for the other.
     Everything else is that of the first entry. A rate that is not known is the mean from the first
     to the last message or, where these are not known, over the duration.
     """
@@ -348,6 +373,8 @@ def merge_topics(infos: Iterable[TopicInfo], duration_ns: int) -> dict[str, Topi
         mean_hz = (count - 1) * 1e9 / over_ns if count > 1 and over_ns > 0 else 0.0
         merged[info.name] = msgspec.structs.replace(
             before or info,
+            type=_all_of(before.type if before else "", info.type),
+            serialization=_all_of(before.serialization if before else "", info.serialization),
             count=count,
             rate_hz=mean_hz if before else info.rate_hz or mean_hz,
             max_message_bytes=None if None in sizes else max(size for size in sizes if size),

@@ -1,11 +1,11 @@
 """The input of the rules: a spec, and facts about it that are computed on first use.
 
-What is known of a bag at low cost: its index, and the messages in the window.
+What is known of a bag at low cost: its index, and the times of its messages if it is small.
 
-Indexing a bag opens all of its files, which for a bag of many files takes longer than all rules
-together. The indexes of large bags are therefore kept in the cache of the user. The key of an index
-has the size, times and inode of each file, so a changed bag is indexed again. If the cache cannot
-be read or written, or others can change it, bags are indexed without it.
+Reading a bag takes longer than all rules together. What is read of bags that are not tiny is
+therefore kept in the cache of the user. Its key has the size, times and inode of each file, so a
+changed bag is read again. If the cache cannot be read or written, or others can change it, bags are
+read without it.
 
 Counts of rendered datasets and of whole bags are exact. Other counts are estimated from the mean
 rate; if the estimate is low, the messages are read.
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache, cached_property
 from itertools import islice
@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeVar
 
 import msgspec
 
+from r2bspec.bags.message_types import begins_with_header
 from r2bspec.bags.recording import (
     BagIndex,
     BagLocation,
@@ -41,10 +42,12 @@ from r2bspec.judge.measure.metric_catalogue import MetricError, Subjects, resolv
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.located_tree import MapNode, TreeNode, child, items_of, lookup
-from r2bspec.language.quantities import Rate
+from r2bspec.language.quantities import Duration, Rate
 from r2bspec.language.spec import Spec
 from r2bspec.plan.installed_packages import package_version
+from r2bspec.plan.nearest_stamps import clock_ahead
 from r2bspec.plan.process_plans import process_names
+from r2bspec.plan.topic_plans import direct_bag_topic
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import CompanionFiles, CompanionReader
 from r2bspec.plan.wiring.wiring import NodeWiring, Wiring
@@ -286,16 +289,48 @@ class Context:
         installed = package_version(node.node.package)
         return (origin.version, installed) if installed not in {"", origin.version} else None
 
+    @property
+    def window(self) -> TimeWindow:
+        """The part of the bag that is loaded."""
+        window = self.spec.data_loader.window
+        return TimeWindow(start_ns=window.start.ns, end_ns=window.end.ns if window.end else None)
+
     @cached_property
     def window_times(self) -> dict[str, TopicTimes] | None:
-        """The times of loaded messages with a header in the window; None if they are not read."""
-        from r2bspec.bags.bag_reader import may_be_read
-        from r2bspec.bags.recorded_times import read_times
+        """The times of loaded messages in the window, by names of the spec; None if not read."""
+        from r2bspec.bags.recorded_times import times_in_window
 
         path = self.bag_location.path if self.bag_location is not None else None
-        if self.bag is None or path is None or not may_be_read(path):
+        times = cached_times(path, self.bag) if self.bag is not None and path is not None else None
+        if times is None or self.bag is None:
             return None
-        return read_times(path, self.bag, self.spec.data_loader.topics, _window(self))
+        infos = {name: self.bag.find(name) for name in self.spec.data_loader.topics}
+        loaded = {
+            name: times[info.name]
+            for name, info in infos.items()
+            if info is not None and info.name in times
+        }
+        return times_in_window(loaded, self.bag, self.window)
+
+    @cached_property
+    def input_times(self) -> dict[str, TopicTimes]:
+        """The times of the stamped inputs that are loaded directly, as far as they are read.
+
+        The stamps are corrected by what the spec says of the clock.
+        """
+        from r2bspec.bags.recorded_times import TopicTimes
+
+        times = {}
+        for name, played in self.spec.playback.played.items():
+            source = self.wiring.topic(played.source)
+            topic = direct_bag_topic(source, self.spec, self.wiring)
+            found = (self.window_times or {}).get(topic)
+            if found is not None and found.is_stamped and begins_with_header(played.format):
+                ahead_ns = played.clock_ahead.ns
+                # Stamps of 0 were never set.
+                right_ns = [stamp_ns and stamp_ns - ahead_ns for stamp_ns in found.stamps_ns]
+                times[name] = TopicTimes(found.recorded_ns, right_ns)
+        return times
 
     @property
     def nodes(self) -> Iterator[tuple[str, NodeWiring]]:
@@ -346,8 +381,10 @@ class Context:
         return topic.removeprefix(inside) if topic.startswith(inside) else topic
 
 
-_CACHE_VERSION = 2
-"""Increase this with every change of the content of an index."""
+_CACHE_VERSION = 3
+"""Increase this with every change of what is kept of a bag."""
+
+_Read = TypeVar("_Read")
 
 _MAX_FILES = 10_000
 _MIN_CACHED_BYTES = 1_000_000
@@ -362,18 +399,37 @@ def cached_index(location: BagLocation) -> BagIndex:
     """
     if location.path is None:
         return index_location(location)
-    entry = _cache_file(location.path)
+    return _cached(location.path, "index", BagIndex, lambda: index_location(location))
+
+
+def cached_times(path: FilePath, index: BagIndex) -> dict[str, TopicTimes] | None:
+    """The times of all messages of a bag; None for a bag that is too large or cannot be read."""
+    from r2bspec.bags.bag_reader import may_be_read
+    from r2bspec.bags.recorded_times import RecordedTimes, read_times
+
+    if not may_be_read(path):
+        return None
+
+    def read() -> RecordedTimes:
+        return RecordedTimes(times=read_times(path, index, index.topics))
+
+    return _cached(path, "times", RecordedTimes, read).times
+
+
+def _cached(bag: FilePath, what: str, kind: type[_Read], read: Callable[[], _Read]) -> _Read:
+    """Return what is read of a bag; of a large bag it is kept in the cache of the user."""
+    entry = _cache_file(bag, what)
     if entry is None:
-        return index_location(location)
+        return read()
     with suppress(OSError, msgspec.DecodeError):
-        return read_json(entry, BagIndex, max_bytes=MAX_BAG_INDEX_BYTES)
-    content = index_location(location)
+        return read_json(entry, kind, max_bytes=MAX_BAG_INDEX_BYTES)
+    content = read()
     _store(entry, msgspec.json.encode(content))
     return content
 
 
-def _cache_file(bag: FilePath) -> FilePath | None:
-    """The cache file for the index of a bag; None if the bag is not worth caching."""
+def _cache_file(bag: FilePath, what: str) -> FilePath | None:
+    """The cache file for something of a bag; None if the bag is not worth caching."""
     try:
         files = sorted(bag.iterdir()) if bag.is_dir() else [bag]
         stats = [(file, file.stat()) for file in files[:_MAX_FILES]]
@@ -381,7 +437,7 @@ def _cache_file(bag: FilePath) -> FilePath | None:
         return None
     if len(files) > _MAX_FILES or sum(stat.st_size for _, stat in stats) < _MIN_CACHED_BYTES:
         return None
-    identity = hashlib.sha256(f"{_CACHE_VERSION}\0{bag.resolve()}\0".encode())
+    identity = hashlib.sha256(f"{_CACHE_VERSION}\0{what}\0{bag.resolve()}\0".encode())
     for file, stat in stats:
         values = (file.name, stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns)
         identity.update(repr(values).encode())
@@ -399,6 +455,16 @@ def _store(entry: FilePath, content: bytes) -> None:
         scratch.replace(entry)
     except OSError:
         scratch.unlink(missing_ok=True)
+
+
+def clocks_ahead(times: Mapping[str, TopicTimes], slop_ns: int) -> dict[str, Duration]:
+    """How far the clocks of inputs are ahead, by their names, where that is constant."""
+    if len(times) < 2 or not all(each.recorded_ns for each in times.values()):
+        return {}
+    recorded_ns = [each.recorded_ns for each in times.values()]
+    ahead_ns = clock_ahead(recorded_ns, [each.stamps_ns for each in times.values()], slop_ns)
+    # A tenth of a millisecond is more than enough, and reads better.
+    return {name: Duration(round(by_ns, -5)) for name, by_ns in zip(times, ahead_ns, strict=True)}
 
 
 _MIN_ESTIMATED_MESSAGES = 5
@@ -468,9 +534,6 @@ def has_recorded_requests(context: Context, topic: str) -> bool | None:
     )
 
 
-_Read = TypeVar("_Read")
-
-
 def _in_window(
     context: Context, topics: set[str], read: Callable[[Iterator[RecordedMessage]], _Read]
 ) -> _Read | None:
@@ -485,11 +548,6 @@ def _in_window(
     if path is None:
         return None
     try:
-        return read(read_messages(path, topics, _window(context)))
+        return read(read_messages(path, topics, context.window))
     except DataError:
         return None
-
-
-def _window(context: Context) -> TimeWindow:
-    window = context.spec.data_loader.window
-    return TimeWindow(start_ns=window.start.ns, end_ns=window.end.ns if window.end else None)

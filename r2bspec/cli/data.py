@@ -162,16 +162,19 @@ def info(bag: str, output_format: str) -> None:
 
 
 def _facts(path: Path, index: BagIndex) -> Iterator[str]:
-    """Return what is unusual in a recording: profiles, and in a small one times and stamps."""
+    """Return what is unusual: files, profiles, and in a small recording times and stamps."""
+    from r2bspec.bags.bag_index import unnamed_files
     from r2bspec.bags.bag_reader import may_be_read
     from r2bspec.bags.offered_qos import offered_profile
     from r2bspec.bags.recorded_parts import find_parts
     from r2bspec.bags.recorded_times import read_times
 
-    if (parts := find_parts(path, index)) is not None:
+    if unnamed := unnamed_files(path, index):
+        yield f"{', '.join(unnamed)} is not part of it: metadata.yaml does not name it."
+    times = (read_times(path, index, index.topics) if may_be_read(path) else None) or {}
+    if (parts := find_parts(index, times)) is not None:
         yield f"It has {parts.text}: use '{parts.window_text}'."
-    times = read_times(path, index, index.topics) if may_be_read(path) else None
-    for topic, found in (times or {}).items():
+    for topic, found in times.items():
         if found.clock_text:
             yield f"{printable(topic)} {found.clock_text}."
     for topic, info in index.topics.items():
@@ -284,8 +287,7 @@ def _print_index(index: BagIndex, origin: str, sha256: str) -> None:
     rows = [
         (
             printable(topic.name),
-            printable(topic.type)
-            + ("" if topic.serialization == "cdr" else f" as {printable(topic.serialization)}"),
+            printable(topic.type_text),
             f"{topic.count:,}",
             _rate_text(topic, index),
             "" if topic.max_message_bytes is None else f"{topic.max_message_bytes:,} B",

@@ -23,7 +23,7 @@ import msgspec
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.integrity import hash_files
-from r2bspec.bags.message_types import begins_with_header
+from r2bspec.bags.message_types import begins_with_header, read_stamp
 from r2bspec.bags.recording import DataError, RecordedMessage, TimeWindow
 from r2bspec.bags.service_events import NO_REQUESTS, SERVICE_EVENT, request_kind, request_side
 from r2bspec.datasets.catalogue import locate
@@ -135,7 +135,7 @@ def buffer_bags(
         # In order of time, each with its topic in the graph.
         merged = heapq.merge(*streams, key=itemgetter(0))
         for done, (_, topic, message) in enumerate(merged):
-            stamp_ns = buffers.read_stamp(message.data) if stamped[topic] else message.time_ns
+            stamp_ns = read_stamp(message.data) if stamped[topic] else message.time_ns
             writers[topic].append(stamp_ns, message.data, message.time_ns)
             if done % 16 == 0:
                 progress.step(done, max(expected, done))

@@ -18,11 +18,12 @@ from typing import NamedTuple
 
 import msgspec
 
+from r2bspec.bags.message_types import read_stamp
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
 from r2bspec.harness.observer import GraphParticipant
 from r2bspec.ipc import buffers, protocol
-from r2bspec.ipc.buffers import TF, TF_QOS, read_stamp
+from r2bspec.ipc.buffers import TF, TF_QOS
 from r2bspec.language.spec import QoS
 
 _MIN_TIMEOUT_NS = 20_000_000

@@ -4,10 +4,6 @@ A buffer has the messages of one topic: ``NAME.cdr`` contains them one after ano
 their stamps, times and sizes. The stamp is the header stamp if the type has a header, and the time
 otherwise.
 
-A message in CDR begins with four bytes of encapsulation, of which the second gives the byte order
-(odd: little-endian). If the first field is a std_msgs/Header, its stamp follows: int32 seconds,
-then uint32 nanoseconds (OMG DDS-XTypes 1.3, section 7.6.3.1.2).
-
 A tf2_msgs/TFMessage is one sequence of geometry_msgs/TransformStamped: a header (stamp and frame),
 the child frame, and a transform of seven float64. In CDR (section 7.4) the sequence begins with a
 uint32 count; a string is a uint32 length, including the terminating zero, and its bytes; each
@@ -26,35 +22,12 @@ from typing import BinaryIO
 
 import msgspec
 
+from r2bspec.bags.message_types import ENCAPSULATION_BYTES, STAMP_BYTES, read_stamp
 from r2bspec.ipc.sample_files import named_errors
 from r2bspec.language.spec import QoS
 
-_LITTLE = struct.Struct("<iI")
-_BIG = struct.Struct(">iI")
-_ENCAPSULATION_BYTES = 4
-STAMP_BYTES = _ENCAPSULATION_BYTES + _LITTLE.size
-"""The number of bytes at the beginning of a message that contain its stamp."""
-
 MAX_MESSAGE_BYTES = (1 << 31) - 1
 """An entry of a playback file has a size of 32 bits."""
-
-_SECOND_NS = 1_000_000_000
-
-
-def read_stamp(message: bytes | bytearray) -> int:
-    """The header stamp in nanoseconds, of a message whose type begins with a header.
-
-    Raises:
-        struct.error: the message is too short.
-    """
-    layout = _LITTLE if message[1] & 1 else _BIG
-    return _stamp_at(message, _ENCAPSULATION_BYTES, layout)
-
-
-def _stamp_at(message: bytes | bytearray, offset: int, layout: struct.Struct) -> int:
-    seconds, nanoseconds = layout.unpack_from(message, offset)
-    return int(seconds) * _SECOND_NS + int(nanoseconds)
-
 
 TF = "/tf"
 TF_STATIC = "/tf_static"
@@ -70,29 +43,29 @@ def transform_stamps(message: bytes) -> list[tuple[int, int]]:
     Raises:
         ValueError: the bytes are not a TFMessage.
     """
-    order, layout = ("<", _LITTLE) if len(message) > 1 and message[1] & 1 else (">", _BIG)
+    order = "<" if len(message) > 1 and message[1] & 1 else ">"
     try:
         offsets = _stamp_offsets(message, struct.Struct(f"{order}I"))
-        return [(offset, _stamp_at(message, offset, layout)) for offset in offsets]
+        return [(offset, read_stamp(message, offset)) for offset in offsets]
     except struct.error as error:
         raise ValueError("a message on /tf is truncated") from error
 
 
 def _stamp_offsets(message: bytes, length: struct.Struct) -> list[int]:
     """The offset of the stamp of each transform."""
-    (count,) = length.unpack_from(message, _ENCAPSULATION_BYTES)
+    (count,) = length.unpack_from(message, ENCAPSULATION_BYTES)
     place = length.size
     offsets = []
     for _ in range(count):
         place = _align_up(place, 4)
-        offsets.append(_ENCAPSULATION_BYTES + place)
+        offsets.append(ENCAPSULATION_BYTES + place)
         place += 8
         for _frame in range(2):
             place = _align_up(place, 4)
-            (size,) = length.unpack_from(message, _ENCAPSULATION_BYTES + place)
+            (size,) = length.unpack_from(message, ENCAPSULATION_BYTES + place)
             place += length.size + size
         place = _align_up(place, 8) + _TRANSFORM_BYTES
-        if _ENCAPSULATION_BYTES + place > len(message):
+        if ENCAPSULATION_BYTES + place > len(message):
             raise ValueError("a message on /tf is truncated")
     return offsets
 

@@ -51,6 +51,7 @@ from r2bspec.ipc.sample_files import STALL_FILE
 from r2bspec.ipc.schedule import Schedule
 from r2bspec.language.quantities import Duration
 from r2bspec.language.spec import QoS
+from r2bspec.language.spec_graph import RMW_NUMBERS
 from r2bspec.plan.package_advice import ros_package_advice
 from r2bspec.plan.plan import MonitorPlan
 
@@ -62,12 +63,6 @@ _SIMPLE: dict[type, str] = {
     protocol.Shutdown: "shutdown",
 }
 
-
-_RELIABILITY = {"reliable": 1, "best_effort": 2}
-_DURABILITY = {"transient_local": 1, "volatile": 2}
-_HISTORY = {"keep_last": 1, "keep_all": 2}
-_LIVELINESS = {"automatic": 1, "manual_by_topic": 3}
-"""As in ``rmw/types.h``."""
 
 _FULL_DISK = "Make room on that disk, or choose another folder with --output."
 _MISSING_TYPE = re.compile(r"message type (\w+)/")
@@ -269,13 +264,13 @@ def _type_words(name: str) -> tuple[str, str, str]:
 
 
 def _qos_words(qos: QoS) -> Iterator[str]:
-    yield str(_RELIABILITY[qos.reliability])
-    yield str(_DURABILITY[qos.durability])
-    yield str(_HISTORY[qos.history])
+    yield str(RMW_NUMBERS["reliability"][qos.reliability])
+    yield str(RMW_NUMBERS["durability"][qos.durability])
+    yield str(RMW_NUMBERS["history"][qos.history])
     yield str(qos.depth)
     yield _nanoseconds(qos.deadline)
     yield _nanoseconds(qos.lifespan)
-    yield str(_LIVELINESS[qos.liveliness])
+    yield str(RMW_NUMBERS["liveliness"][qos.liveliness])
     yield _nanoseconds(qos.lease_duration)
 
 

@@ -30,8 +30,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.bags.message_types import STAMP_BYTES
 from r2bspec.ipc import buffers
-from r2bspec.ipc.buffers import STAMP_BYTES, TF, transform_stamps
+from r2bspec.ipc.buffers import TF, transform_stamps
 from r2bspec.ipc.sample_files import named_errors
 from r2bspec.ipc.schedule import (
     ALL_INPUTS,

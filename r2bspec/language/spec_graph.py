@@ -155,6 +155,14 @@ All fields are given explicitly, so that results do not depend on the defaults o
 use.
 """
 
+RMW_NUMBERS: Final = {
+    "reliability": {"reliable": 1, "best_effort": 2},
+    "durability": {"transient_local": 1, "volatile": 2},
+    "history": {"keep_last": 1, "keep_all": 2},
+    "liveliness": {"automatic": 1, "manual_by_topic": 3},
+}
+"""The policies of a profile as in ``rmw/types.h``."""
+
 _ProfileName = Annotated[str, key(words=tuple(PROFILES))]
 
 

@@ -26,6 +26,9 @@ from typing import Final
 _Stamp = tuple[int, int]
 """A stamp, and the number of messages of the input before this one that have it."""
 
+LONGEST_DELAY_NS: Final = 500_000_000
+"""Messages may be recorded so long after they were stamped, by the same clock."""
+
 _AGREE: Final = 0.8
 """Of the messages, so many agree in how far a clock is ahead."""
 

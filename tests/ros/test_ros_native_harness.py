@@ -25,12 +25,13 @@ pytest.importorskip("rclpy")
 
 from c_nodes import c_node
 from native_playlists import SANITIZERS
+from r2bspec.bags.message_types import read_stamp
 from r2bspec.execute.bringup.harness_processes import GraphJoins
 from r2bspec.execute.errors import ProcessFailedError, RunError
 from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
-from r2bspec.ipc.buffers import BufferWriter, read_stamp
+from r2bspec.ipc.buffers import BufferWriter
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.sample_files import ArrivalReader, StallLogReader

@@ -72,15 +72,19 @@ def write_mcap(
     *,
     profile: str = "ros2",
     encoding: str = "cdr",
+    kind: str = STRING,
     **options: Any,
 ) -> Path:
-    """Write strings with the reference library of MCAP, in the order and with the options given."""
+    """Write messages of a type, or of none, with the reference library of MCAP.
+
+    They are written in the order and with the options given.
+    """
     from mcap.writer import Writer as McapWriter
 
     with path.open("wb") as stream:
         writer = McapWriter(stream, **options)
         writer.start(profile)
-        schema = writer.register_schema(STRING, "ros2msg", b"string data")
+        schema = writer.register_schema(kind, "ros2msg", b"string data") if kind else 0
         channels: dict[str, int] = {}
         for topic, offset_ns, data in messages:
             if topic not in channels:

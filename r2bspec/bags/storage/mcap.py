@@ -17,7 +17,12 @@ from mcap.records import Channel, ChunkIndex, Schema
 from mcap.summary import Summary
 
 from r2bspec.bags.recording import RecordedMessage, Selection, TopicInfo
-from r2bspec.bags.storage.storage import DamagedStorageError, decompress_message, stored_topic
+from r2bspec.bags.storage.storage import (
+    EMPTY_FILE,
+    DamagedStorageError,
+    decompress_message,
+    stored_topic,
+)
 from r2bspec.safe_io.safe_file import open_regular
 
 # Opcode and length, then the channel and the bytes of the entries: a time and an offset for each.
@@ -25,6 +30,7 @@ _INDEX = struct.Struct("<BQHI")
 _INDEX_RECORD = 7
 _INDEX_ENTRY = struct.Struct("<QQ")
 _MAGIC = b"\x89MCAP0\r\n"
+_NO_SCHEMA = 0
 
 
 class McapStorage:
@@ -33,15 +39,19 @@ class McapStorage:
     def __init__(self, path: Path) -> None:
         self._stream = open_regular(path)
         try:
-            if self._stream.read(len(_MAGIC)) != _MAGIC:
-                raise DamagedStorageError("it does not begin like an MCAP file")
+            begins = self._stream.read(len(_MAGIC))
+            if begins != _MAGIC:
+                raise DamagedStorageError(
+                    "it does not begin like an MCAP file" if begins else EMPTY_FILE
+                )
             self._stream.seek(0)
             self._reader = make_reader(self._stream, validate_crcs=True)
-            self._stream.seek(-len(_MAGIC), 2)
-            if self._stream.read() != _MAGIC:
+            ends_at = self._stream.seek(-len(_MAGIC), 2)
+            if not ends_at or self._stream.read() != _MAGIC:
                 raise DamagedStorageError(
                     "it ends before its footer, as after a crash of the recorder",
-                    "'mcap recover' writes its readable messages to a new file",
+                    f"'mcap recover {path.name} -o recovered.mcap' writes its readable messages to "
+                    "a new file",
                 )
             self._summary = _complete(self._reader.get_summary())
         except BaseException:
@@ -110,7 +120,9 @@ def _complete(summary: Summary | None) -> Summary | None:
     if any(not chunk.message_index_offsets for chunk in summary.chunk_indexes):
         return None
     counted = summary.statistics.channel_message_counts.keys()
-    return summary if counted <= summary.channels.keys() else None
+    schemas = {channel.schema_id for channel in summary.channels.values()} - {_NO_SCHEMA}
+    is_whole = counted <= summary.channels.keys() and schemas <= summary.schemas.keys()
+    return summary if is_whole else None
 
 
 def _topic(

@@ -8,7 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from r2bspec.bags.recording import DataError, RecordedMessage, Selection, TopicInfo
-from r2bspec.bags.storage.storage import DamagedStorageError, decompress_ahead, stored_topic
+from r2bspec.bags.storage.storage import (
+    EMPTY_FILE,
+    DamagedStorageError,
+    decompress_ahead,
+    stored_topic,
+)
 from r2bspec.safe_io.safe_file import is_regular, open_regular
 
 _MAGIC = b"SQLite format 3\x00"
@@ -86,7 +91,7 @@ def _check_complete(path: Path) -> None:
     with open_regular(path) as stream:
         head = stream.read(_HEADER_BYTES)
     if len(head) < _HEADER_BYTES or not head.startswith(_MAGIC):
-        raise DamagedStorageError("it is not a sqlite3 database")
+        raise DamagedStorageError("it is not a sqlite3 database" if head else EMPTY_FILE)
     (page_bytes,) = struct.unpack_from(">H", head, 16)
     changed, pages = struct.unpack_from(">II", head, 24)
     (valid_for,) = struct.unpack_from(">I", head, 92)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Final, Protocol, TypeVar
 
 import msgspec
 
@@ -34,6 +34,9 @@ class DamagedStorageError(ValueError):
     def __init__(self, reason: str, hint: str = "") -> None:
         super().__init__(reason)
         self.hint = hint
+
+
+EMPTY_FILE: Final = "it is empty, as after a crash of the recorder"
 
 
 class Storage(Protocol):
@@ -97,8 +100,28 @@ def storage_errors(path: Path) -> Iterator[None]:
         raise recording.unreadable(path, recording.error_text(error), hint) from error
 
 
+_MAGIC = b"\x28\xb5\x2f\xfd"
+PACKED: Final = ".zstd"
+"""The last suffix of a storage file that is compressed as a whole."""
+
+
+def storage_files(folder: Path) -> tuple[str, ...]:
+    """Return the names of the storage files in a folder, sorted."""
+    suffixes = tuple(recording.SUFFIXES.values())
+    return tuple(
+        sorted(
+            file.name
+            for file in folder.iterdir()
+            if file.name.removesuffix(PACKED).endswith(suffixes) and file.is_file()
+        )
+    )
+
+
 def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
     """Return the storage files of a bag; `path` is its folder, or the one file itself.
+
+    A recorder that compresses its files may have written metadata.yaml before or after that, so a
+    file may have been compressed or not, whatever its name there.
 
     Raises:
         DataError: one is missing (R2B303) or a Git LFS pointer (R2B305).
@@ -108,13 +131,13 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
         raise recording.DataError(
             f"{path} does not exist", code="R2B301", hint="check the path of the bag"
         )
-    paths = tuple(path / name for name in files) if path.is_dir() else (path,)
+    paths = tuple(_packed_or_not(path / name) for name in files) if path.is_dir() else (path,)
     missing = [candidate.name for candidate in paths if not os.path.isfile(candidate)]  # noqa: PTH113
     if missing:
         raise recording.DataError(
             f"{path} has no {', '.join(missing)}, which its metadata.yaml names",
             code="R2B303",
-            hint=f"copy the whole folder again, or run 'ros2 bag reindex {path}'",
+            hint=other_files_hint(path, storage_files(path)),
         )
     for candidate in paths:
         with storage_errors(candidate):
@@ -122,8 +145,33 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
     return paths
 
 
+def _packed_or_not(path: Path) -> Path:
+    other = path.with_suffix("") if path.suffix == PACKED else path.with_name(path.name + PACKED)
+    return other if os.path.isfile(other) and not os.path.isfile(path) else path  # noqa: PTH113
+
+
+def other_files_hint(folder: Path, files: tuple[str, ...]) -> str:
+    """Return what to do about a metadata.yaml that does not name these storage files."""
+    if not files:
+        return "copy the whole folder again: it has no storage file"
+    return (
+        f"copy the whole folder again; or write metadata.yaml anew for {', '.join(files)} with "
+        f"'ros2 bag reindex {folder}', or name such a file in place of the folder"
+    )
+
+
+def is_packed(path: Path) -> bool:
+    """Return True if a storage file is compressed as a whole.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+    with open_regular(path) as stream:
+        return stream.read(len(_MAGIC)) == _MAGIC
+
+
 @contextmanager
-def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterator[list[Storage]]:
+def open_storages(paths: tuple[Path, ...]) -> Iterator[list[Storage]]:
     """Open storage files separately.
 
     With one reader per file, instead of one for the folder, topics are matched by the storage,
@@ -131,8 +179,7 @@ def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterato
     merged.
 
     Args:
-        paths: the storage files.
-        compressed_files: whether each is one zstd stream; they are unpacked to a temporary
+        paths: the storage files. Those that are one zstd stream are unpacked to a temporary
             folder, because all formats need random access.
 
     Raises:
@@ -142,7 +189,7 @@ def open_storages(paths: tuple[Path, ...], *, compressed_files: bool) -> Iterato
         storages = []
         for path in paths:
             with storage_errors(path):
-                plain = stack.enter_context(_unpacked(path)) if compressed_files else path
+                plain = stack.enter_context(_unpacked(path)) if is_packed(path) else path
                 storage = _reader(plain)(plain)
                 stack.callback(storage.close)
             storages.append(storage)
@@ -165,14 +212,12 @@ def _reader(path: Path) -> Callable[[Path], Storage]:
         return McapStorage
     raise DamagedStorageError(
         f"{path.name} is not named as a storage file",
-        f"storage files end in {recording.SUFFIXES_TEXT}; "
-        "if it is compressed, metadata.yaml must say so",
+        f"storage files end in {recording.SUFFIXES_TEXT}, and then in {PACKED} if compressed",
     )
 
 
 Key = TypeVar("Key")
 
-_MAGIC = b"\x28\xb5\x2f\xfd"
 _MIN_THREADED_BYTES = 1 << 16
 _MAX_THREADS = 4
 
@@ -232,7 +277,7 @@ def _unpacked(path: Path) -> Iterator[Path]:
         EOFError, zstd.ZstdError: the file is damaged.
     """
     with temporary_folder("unpacked") as folder:
-        plain = folder / path.stem
+        plain = folder / path.name.removesuffix(PACKED)
         with (
             open_regular(path) as stored,
             zstd.open(stored, "rb") as packed,

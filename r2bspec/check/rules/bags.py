@@ -9,7 +9,7 @@ estimated from the index of the bag where that is enough, and otherwise counted
 from __future__ import annotations
 
 from r2bspec.bags.recorded_parts import find_parts
-from r2bspec.bags.recording import TimeWindow
+from r2bspec.bags.recording import not_cdr
 from r2bspec.check.check_context import Context, MessageCount, window_message_counts
 from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
 from r2bspec.datasets.catalogue import DURATION_NS
@@ -28,12 +28,23 @@ def bag_not_found(context: Context) -> Findings:
 
 @rule("R2B308")
 def topic_not_in_bag(context: Context) -> Findings:
-    """Loaded topics that the bag does not contain."""
+    """Loaded topics that the bag does not contain, or not as CDR."""
     bag = context.bag
     if bag is None:
         return
     for name in context.spec.data_loader.topics:
-        if bag.find(name) is None:
+        info = bag.find(name)
+        if info is not None and info.serialization != "cdr":
+            error = not_cdr(f"bag {quote(bag.name)}", info)
+            yield Finding(
+                message=str(error),
+                path=("data_loader", "topics", name),
+                key=True,
+                help=error.hint,
+                code=error.code,
+                suppresses={value_key(("data_loader", "topics", name))},
+            )
+        if info is None:
             yield Finding(
                 message=f"bag {quote(bag.name)} has no topic {quote(name)}",
                 path=("data_loader", "topics", name),
@@ -132,14 +143,16 @@ def window_without_messages(context: Context) -> Findings:
 @rule("R2B324")
 def window_with_gap(context: Context) -> Findings:
     """Windows with a gap that is longer than the rest of it."""
-    bag = context.bag
-    path = context.bag_location.path if context.bag_location is not None else None
-    topics = [name for name in context.spec.data_loader.topics if bag and bag.find(name)]
-    if bag is None or path is None or not topics:
+    bag, window = context.bag, context.spec.data_loader.window
+    if bag is None:
         return
-    window = context.spec.data_loader.window
-    end_ns = None if window.end is None else window.end.ns
-    parts = find_parts(path, bag, topics, TimeWindow(start_ns=window.start.ns, end_ns=end_ns))
+    latched = {played.source for played in context.spec.playback.latched.values()}
+    times = {
+        topic: each
+        for topic, each in (context.window_times or {}).items()
+        if context.spec.data_loader.topics[topic] not in latched
+    }
+    parts = find_parts(bag, times, context.window)
     if parts is not None:
         yield Finding(
             message=f"the window has {parts.text}",

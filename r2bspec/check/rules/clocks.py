@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from r2bspec.check.check_context import Context
+from r2bspec.check.check_context import Context, clocks_ahead
 from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import quote
-from r2bspec.plan.topic_plans import direct_bag_topic
+from r2bspec.language.quantities import Duration
+from r2bspec.plan.nearest_stamps import LONGEST_DELAY_NS
 from r2bspec.plan.wiring.wiring import NodeWiring
 
 _CLOCK = "/clock"
@@ -77,19 +78,18 @@ def clock_published_twice(context: Context) -> Findings:
 @rule("R2B327")
 def stamps_of_another_clock(context: Context) -> Findings:
     """Recorded stamps that were never set, or are of another clock than the times of recording."""
-    times = context.window_times or {}
-    for name, played in context.spec.playback.played.items():
-        source = context.wiring.topic(played.source)
-        topic = direct_bag_topic(source, context.spec, context.wiring)
-        if topic not in times or times[topic].clock == "same":
+    times = context.input_times
+    for name, found in times.items():
+        played = context.spec.playback.played[name]
+        # Of several inputs it matters how their clocks differ.
+        if found.clock == "same" or (found.clock == "other" and len(times) > 1):
             continue
-        if times[topic].clock == "other" and len(context.spec.playback.played) > 1:
-            # What matters is how the clocks of inputs differ: see R2B415.
+        if played.clock_ahead.ns:
             continue
         place = ("playback", "inputs", name)
         is_kept = played.timestamp == "none"
         yield Finding(
-            message=f"{quote(topic)} {times[topic].clock_text}",
+            message=f"{quote(name)} {found.clock_text}",
             path=(*place, "timestamp") if is_kept else place,
             key=not is_kept,
             help="without 'timestamp: none' the player writes the time of playing into the headers"
@@ -99,3 +99,30 @@ def stamps_of_another_clock(context: Context) -> Findings:
             severity="warning" if is_kept else None,
             suppressed_by={value_key(("data_loader", "window"))},
         )
+    for name, ahead in _clocks_apart(context).items():
+        yield Finding(
+            message=f"the clock of {quote(name)} was {ahead} ahead of that of other inputs, which "
+            "are played at the times of their stamps",
+            path=("playback", "inputs", name),
+            key=True,
+            help=f"write 'clock_ahead: {ahead}'",
+            severity="warning",
+            suppressed_by={value_key(("data_loader", "window"))},
+        )
+
+
+def _clocks_apart(context: Context) -> dict[str, Duration]:
+    """Return how far the clocks of inputs are ahead that are not paired with others in steps."""
+    playback = context.spec.playback
+    moving = {name: each for name, each in context.input_times.items() if not each.is_stuck}
+    ahead = clocks_ahead(moving, LONGEST_DELAY_NS)
+    paired = [
+        by
+        for name, by in ahead.items()
+        if playback.mode != "timeline" and playback.played[name].rate == "step"
+    ]
+    # R2B415 says how those in the steps differ from each other.
+    least_ns = min((by.ns for by in paired), default=0)
+    return {
+        name: by for name, by in ahead.items() if by.ns and (by.ns == least_ns or by not in paired)
+    }

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from r2bspec.bags.message_types import begins_with_header
 from r2bspec.bags.recorded_times import TopicTimes
-from r2bspec.check.check_context import Context, window_message_counts
+from r2bspec.check.check_context import Context, clocks_ahead, window_message_counts
 from r2bspec.check.rule import (
     PREPROCESS_FLOW,
     Finding,
@@ -26,7 +26,7 @@ from r2bspec.check.rule import (
 from r2bspec.diagnostics.quote import did_you_mean, quote
 from r2bspec.language.quantities import Duration
 from r2bspec.language.spec import PlaybackInput
-from r2bspec.plan.nearest_stamps import clock_ahead, pair_nearest
+from r2bspec.plan.nearest_stamps import LONGEST_DELAY_NS, pair_nearest
 from r2bspec.plan.topic_plans import answered_inputs, direct_bag_topic
 from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint
 from r2bspec.record.run_record import UNPAIRED_HELP, UnplayedMessages
@@ -158,32 +158,35 @@ def monitor_without_steps(context: Context) -> Findings:
             f"{', '.join(answered)}",
             path=("monitors", name),
             key=True,
-            help=f"write 'answers: [{slowest}]', or the input whose messages it answers; with "
+            help=_clock_advice(context, answered)
+            or f"write 'answers: [{slowest}]', or the input whose messages it answers; with "
             "'pairing: {slop: ...}' messages with near stamps are one step",
             suppressed_by={value_key(("data_loader", "window"))},
         )
+
+
+def _clock_advice(context: Context, inputs: Mapping[str, PlaybackInput]) -> str:
+    """Return which clocks to correct; empty if they do not differ by a constant."""
+    times = {name: each for name, each in context.input_times.items() if name in inputs}
+    ahead = clocks_ahead(times, LONGEST_DELAY_NS) if len(times) == len(inputs) else {}
+    wrong = [f"'clock_ahead: {by}' for {name}" for name, by in ahead.items() if by.ns]
+    return f"write {' and '.join(wrong)}" if wrong else ""
 
 
 def _stamps_of_inputs(
     context: Context, inputs: Mapping[str, PlaybackInput]
 ) -> list[list[int]] | None:
     """Return the stamps of each input, none of one without a header; None if they are not read."""
-    sources = {name: context.wiring.topic(played.source) for name, played in inputs.items()}
-    topics = {
-        name: direct_bag_topic(source, context.spec, context.wiring)
-        for name, source in sources.items()
-    }
-    times = context.window_times if all(topics.values()) else None
-    if times is None or context.spec.playback.record_timeline:
+    if context.spec.playback.record_timeline:
         return None
     later = context.spec.playback.timeline.translations
     stamps = []
     for name, played in inputs.items():
-        shift_ns = (later[name].ns if name in later else 0) - played.clock_ahead.ns
-        found = times[topics[name]].stamps_ns if topics[name] in times else []
-        if not found and begins_with_header(played.format) is not False:
+        shift_ns = later[name].ns if name in later else 0
+        found = context.input_times.get(name)
+        if found is None and begins_with_header(played.format) is not False:
             return None
-        stamps.append([stamp_ns + shift_ns for stamp_ns in found])
+        stamps.append([stamp_ns + shift_ns for stamp_ns in found.stamps_ns] if found else [])
     return stamps
 
 
@@ -195,7 +198,9 @@ def input_messages_unpaired(context: Context) -> Findings:
         return
     messages = _messages_of_steps(context)
     missing = [unplayed for unplayed in _unplayed(context, messages) if unplayed.is_warning]
-    clocks = _clocks_ahead(messages) if missing else {}
+    times = {each.name: each.times for each in messages if each.times is not None}
+    slop_ns = max((each.slop_ns for each in messages), default=0)
+    clocks = clocks_ahead(times, slop_ns) if missing else {}
     for unplayed in missing:
         name = next(
             name for name in spec.playback.inputs if context.wiring.topic(name) == unplayed.topic
@@ -223,9 +228,9 @@ def _other_rate(inputs: Sequence[_StepInput]) -> str:
     single = [name for name, count in counts.items() if count == 1 < max(counts.values())]
     if single:
         return f"write 'rate: once' for {' and '.join(single)}: it is played before the first step"
-    unset = [each.name for each in inputs if each.times is not None and each.times.never_stamped]
-    if unset and len(unset) < len(inputs):
-        return f"write 'rate: recorded' for {' and '.join(unset)}, whose stamps were never set"
+    stuck = [each.name for each in inputs if each.times is not None and each.times.is_stuck]
+    if stuck and len(stuck) < len(inputs):
+        return f"write 'rate: recorded' for {' and '.join(stuck)}, whose stamps are all the same"
     return ""
 
 
@@ -237,8 +242,7 @@ class _StepInput(NamedTuple):
         topic: as it is played.
         bag_topic: that it is loaded from.
         slop_ns: see `Pairing`.
-        times: of its messages in the window; None if they are not read. The stamps are corrected by
-            what the spec says of the clock.
+        times: of its messages in the window; None if they are not read.
     """
 
     name: str
@@ -264,16 +268,10 @@ def _messages_of_steps(context: Context) -> tuple[_StepInput, ...]:
         inputs.append(_StepInput(name, context.wiring.topic(name), bag_topic, slop_ns))
     if len(inputs) < 2:
         return ()
-    times = context.window_times
-    if times is None or any(step_input.bag_topic not in times for step_input in inputs):
+    times = context.input_times
+    if any(step_input.name not in times for step_input in inputs):
         return tuple(inputs)
-    timed = []
-    for step_input in inputs:
-        recorded_ns, stamps_ns = times[step_input.bag_topic]
-        ahead_ns = playback.inputs[step_input.name].clock_ahead.ns
-        right = TopicTimes(recorded_ns, [stamp_ns - ahead_ns for stamp_ns in stamps_ns])
-        timed.append(step_input._replace(times=right))
-    return tuple(timed)
+    return tuple(step_input._replace(times=times[step_input.name]) for step_input in inputs)
 
 
 def _unplayed(context: Context, inputs: Sequence[_StepInput]) -> list[UnplayedMessages]:
@@ -296,27 +294,6 @@ def _unplayed(context: Context, inputs: Sequence[_StepInput]) -> list[UnplayedMe
         for step_input, stamped in zip(inputs, stamps, strict=True)
         if len(stamped) > len(steps)
     ]
-
-
-def _clocks_ahead(inputs: Sequence[_StepInput]) -> dict[str, Duration]:
-    """Return how far the clocks of inputs are ahead, by their names, where that is constant."""
-    times = [step_input.times for step_input in inputs if step_input.times is not None]
-    if (
-        not inputs
-        or len(times) < len(inputs)
-        or not all(recorded.recorded_ns for recorded in times)
-    ):
-        return {}
-    ahead = clock_ahead(
-        [recorded.recorded_ns for recorded in times],
-        [recorded.stamps_ns for recorded in times],
-        max(step_input.slop_ns for step_input in inputs),
-    )
-    # A tenth of a millisecond is more than enough, and reads better.
-    return {
-        step_input.name: Duration(round(value, -5))
-        for step_input, value in zip(inputs, ahead, strict=True)
-    }
 
 
 def _by_counts(

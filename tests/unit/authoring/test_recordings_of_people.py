@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -10,10 +11,11 @@ from typing import Any, Literal, NamedTuple
 import pytest
 import yaml
 
-from data_bags import START_NS
+from data_bags import START_NS, write_mcap
 from r2bspec.authoring.sources import InitSources, spec_from_sources
 from r2bspec.check import check
 from r2bspec.cli.main import main
+from r2bspec.errors import UsageError
 from r2bspec.language.load_spec import load_spec
 from recorded_inputs import (
     CLOCK,
@@ -150,6 +152,19 @@ CASES: dict[str, Case] = {
         _FUSION,
         {"scan": {}, "image": {"clock_ahead": "5 s"}},
     ),
+    "messages that were recorded late": Case(
+        series("/scan", SCAN, 90, 30) + series("/image", IMAGE, 90, 30, late_ns=60 * MS),
+        _FUSION,
+        {"scan": {}, "image": {}},
+        rate="30 Hz",
+    ),
+    "a clock that stands still": Case(
+        series("/scan", SCAN, 40, 10)
+        + series("/image", IMAGE, 40, 10, stamp=lambda _: START_NS, late_ns=7 * MS),
+        _FUSION,
+        {"scan": {}, "image": {"rate": "recorded"}},
+        (_CLOCK,),
+    ),
     "two machines, different rates": Case(
         series("/scan", SCAN, 100, 10)
         + series("/image", IMAGE, 300, 30, stamp=lambda time_ns: time_ns - 2 * S, late_ns=7 * MS),
@@ -188,6 +203,33 @@ CASES: dict[str, Case] = {
         (("map", MAP, "keep", "LATCHED"), *_SCAN_NODE),
         {"map": {"rate": "once"}, "scan": {}},
         profiles={"/map": offered(durability="TRANSIENT_LOCAL")},
+    ),
+    "maps before the scans": Case(
+        series("/map", MAP, 2, 1, start_ns=START_NS - 2 * S) + series("/scan", SCAN, 12, 10),
+        (("map", MAP, "keep", "LATCHED"), *_SCAN_NODE),
+        {"map": {"rate": "once"}, "scan": {}},
+        profiles={"/map": offered(durability="TRANSIENT_LOCAL")},
+    ),
+    "a map before a gap": Case(
+        series("/map", MAP, 1, 10, start_ns=1) + series("/scan", SCAN, 40, 10),
+        (("map", MAP, "keep", "10"), *_SCAN_NODE),
+        {"map": {"rate": "once"}, "scan": {}},
+    ),
+    "a recorder that was started before its clock": Case(
+        series("/scan", SCAN, 5, 1e9, start_ns=1) + series("/scan", SCAN, 30, 10),
+        _SCAN_NODE,
+        {"scan": {}},
+    ),
+    "a pause": Case(
+        series("/scan", SCAN, 80, 10) + series("/scan", SCAN, 80, 10, start_ns=START_NS + 9 * S),
+        _SCAN_NODE,
+        {"scan": {}},
+    ),
+    "profiles that are not known": Case(
+        series("/scan", SCAN, 40, 10),
+        _SCAN_NODE,
+        {"scan": {}},
+        profiles={"/scan": offered("SYSTEM_DEFAULT", "UNKNOWN")},
     ),
     "commands without a header": Case(
         series("/scan", SCAN, 40, 10) + series("/cmd_vel", TWIST, 80, 20),
@@ -232,6 +274,51 @@ def test_a_first_spec_plays_a_recording_as_it_is(
     assert (first.inputs, first.findings) == (case.inputs, [*case.findings]), first.text
     assert first.spec["benchmark"]["rates"] == [case.rate]
     assert first.spec["slos"]["keeps_up"]["at"] == case.rate
+
+
+@pytest.mark.parametrize("encoding", ["json", "ros1"])
+def test_a_topic_that_is_not_cdr_is_not_loaded(tmp_path: Path, encoding: str) -> None:
+    rows = [(row.topic, row.time_ns - START_NS, row.data) for row in CASES["a deadline"].rows]
+    write_mcap(tmp_path / "bag.mcap", rows, encoding=encoding, kind=SCAN)
+    first = first_spec(tmp_path, node(*_SCAN_NODE), "./bag.mcap")
+    assert f"the recording has /scan as {encoding}, which cannot be played" in first.text
+    assert first.findings == []
+    write_mcap(tmp_path / "bag.mcap", rows, kind=SCAN)
+    first = first_spec(tmp_path, node(*_SCAN_NODE), "./bag.mcap")
+    assert (first.inputs, first.findings) == ({"scan": {}}, [])
+    write_mcap(tmp_path / "bag.mcap", rows, encoding=encoding, kind=SCAN)
+    assert found(tmp_path, first.text)[0] == [("R2B306", "error")]
+
+
+def test_a_recording_without_types_is_played_as_what_the_node_reads(tmp_path: Path) -> None:
+    rows = [(row.topic, row.time_ns - START_NS, row.data) for row in CASES["a deadline"].rows]
+    write_mcap(tmp_path / "bag.mcap", rows, kind="")
+    first = first_spec(tmp_path, node(*_SCAN_NODE), "./bag.mcap")
+    assert (first.inputs, first.findings) == ({"scan": {}}, [])
+    assert f"whether /scan is {SCAN}: the recording names no type" in first.text
+
+
+def test_a_recording_without_messages_is_refused(tmp_path: Path) -> None:
+    record(tmp_path / "bag", [])
+    with pytest.raises(UsageError, match="has no messages"):
+        first_spec(tmp_path, node(*_SCAN_NODE))
+
+
+@pytest.mark.parametrize("inputs", ["a timeline", "of another rate"])
+def test_a_clock_that_is_ahead_is_named_where_nothing_is_paired(
+    tmp_path: Path, inputs: str
+) -> None:
+    case = CASES["two machines" if inputs == "a timeline" else "two machines, different rates"]
+    record(tmp_path / "bag", case.rows)
+    text = first_spec(tmp_path, node(*case.subscriptions)).text
+    text = re.sub(r", clock_ahead: [0-9.]+ s", "", text)
+    if inputs == "a timeline":
+        text = text.replace("playback:", "playback:\n  mode: timeline")
+        text = text.replace("  rates: [10 Hz]", "").replace("    at: 10 Hz", "")
+    findings, messages = found(tmp_path, text)
+    assert ("R2B327", "warning") in findings
+    ahead = "5 s" if inputs == "a timeline" else "2 s"
+    assert f"write 'clock_ahead: {ahead}'" in messages
 
 
 def test_a_map_is_played_from_before_the_window(tmp_path: Path) -> None:
@@ -330,8 +417,13 @@ def test_clock_has_one_publisher_of_the_time_of_the_stamps(tmp_path: Path, edit:
             series("/scan", SCAN, 9, 10, start_ns=12_300 * MS),
             "/scan is stamped and recorded by a simulated clock, from 12.3 s.",
         ),
+        (
+            series("/scan", SCAN, 2, 10, stamp=lambda _: 0)
+            + series("/scan", SCAN, 9, 10, start_ns=START_NS + S),
+            "/scan was not always stamped: 2 of 11 stamps are 0.",
+        ),
     ],
-    ids=["unset", "offset", "simulated", "simulated and recorded"],
+    ids=["unset", "offset", "simulated", "simulated and recorded", "unset at first"],
 )
 def test_data_info_says_which_clock_stamps_are_of(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], rows: list[Recorded], line: str

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bz2
 import os
 import random
 import sqlite3
@@ -24,7 +23,6 @@ from data_bags import (
     refusal_of,
     split_bag,
     storage_file,
-    text,
     write_bag,
     write_mcap,
 )
@@ -87,9 +85,24 @@ def _without_metadata(folder: Path, **options: Any) -> Path:
     return bag
 
 
-def _without_identifier(folder: Path) -> Path:
+def _identified(folder: Path, written: str) -> Path:
     bag = write_bag(folder, MESSAGES, storage="mcap")
-    edit_metadata(bag, "storage_identifier: .*", "storage_identifier: ''")
+    edit_metadata(bag, "storage_identifier: .*", written)
+    return bag
+
+
+def _renamed(folder: Path, before: str, now: str) -> Path:
+    """What a recorder leaves that was killed while it compressed its files."""
+    bag = write_bag(folder, MESSAGES, compression="file")
+    edit_metadata(bag, before, now)
+    return bag
+
+
+def _not_compressed(folder: Path) -> Path:
+    bag = write_bag(folder, MESSAGES, storage="mcap")
+    edit_metadata(bag, "compression_format: .*", "compression_format: zstd")
+    edit_metadata(bag, "compression_mode: .*", "compression_mode: FILE")
+    edit_metadata(bag, "bag.mcap", "bag.mcap.zstd")
     return bag
 
 
@@ -116,7 +129,16 @@ FORMS: dict[str, Callable[[Path], Path]] = {
     ),
     "sqlite3, split, without metadata": _without_metadata,
     "mcap, split, without metadata": lambda at: _without_metadata(at, storage="mcap"),
-    "mcap, without a storage identifier": _without_identifier,
+    **{
+        f"mcap, storage identifier {written!r}": partial(_identified, written=written)
+        for written in ("storage_identifier: ''", "storage_identifier: sqlite3", "")
+    },
+    "sqlite3, compressed, without metadata": lambda at: _without_metadata(at, compression="file"),
+    "mcap, compressed, alone": lambda at: _alone(
+        write_bag(at, MESSAGES, storage="mcap", compression="file")
+    ),
+    "sqlite3, by file, compressed after metadata": partial(_renamed, before="db3.zstd", now="db3"),
+    "mcap, not compressed, as metadata says": _not_compressed,
     "sqlite3, alone": lambda at: _alone(write_bag(at, MESSAGES)),
     "sqlite3, odd name": lambda at: _named(at, b"100 % #1? bag"),
     "sqlite3, name that is not UTF-8": lambda at: _named(at, b"caf\xe9"),
@@ -145,6 +167,12 @@ FORMS: dict[str, Callable[[Path], Path]] = {
         use_summary_offsets=False,
         repeat_channels=False,
         repeat_schemas=False,
+    ),
+    "mcap, schemas not repeated": lambda at: write_mcap(
+        at.with_suffix(".mcap"), MESSAGES, repeat_schemas=False
+    ),
+    "mcap, channels not repeated": lambda at: write_mcap(
+        at.with_suffix(".mcap"), MESSAGES, repeat_channels=False
     ),
     "mcap, chunks without an index of their messages": lambda at: write_mcap(
         at.with_suffix(".mcap"), _SHUFFLED, chunk_size=100, index_types=_NO_MESSAGE_INDEX
@@ -249,11 +277,3 @@ def test_a_channel_of_another_encoding_is_refused_where_it_is_read(tmp_path: Pat
     file = write_mcap(tmp_path / "bag.mcap", MESSAGES, encoding="ros1")
     assert index_bag(file).message_count == len(MESSAGES)
     assert refusal_of(read, file).code == "R2B306"
-
-
-def test_a_compressed_file_alone_is_answered_with_its_way_out(tmp_path: Path) -> None:
-    file = tmp_path / "bag.db3.zstd"
-    file.write_bytes(bz2.compress(text("x")))
-    error = refusal_of(index_bag, file)
-    assert error.code == "R2B304"
-    assert "zstd -d" in error.hint

@@ -19,7 +19,9 @@ from data_bags import (
     write_bag,
 )
 from r2bspec.bags.bag_index import index_bag
-from r2bspec.bags.recording import SUFFIXES, DataError
+from r2bspec.bags.integrity import verify
+from r2bspec.bags.recording import SUFFIXES, DataError, TopicInfo, merge_topics
+from r2bspec.cli.main import main
 from r2bspec.language.declaration import rule_at
 
 LFS_POINTER = (
@@ -94,7 +96,6 @@ def test_refuses_metadata_that_is_not_rosbag2s(bag: Path, content: bytes) -> Non
     ("pattern", "replacement", "code"),
     [
         # Formats that it cannot read.
-        ("storage_identifier: sqlite3", "storage_identifier: rosbag_v2", "R2B302"),
         ("compression_mode: message", "compression_mode: chunk", "R2B302"),
         ("compression_format: zstd", "compression_format: lz4", "R2B302"),
         # Promises of other content.
@@ -118,6 +119,59 @@ def test_refuses_storage_without_messages_and_none(bag: Path) -> None:
     assert refusal(bag).code == "R2B304"
     file.unlink()
     assert refusal(bag).code == "R2B303"
+
+
+def test_refuses_an_unknown_storage_format(bag: Path) -> None:
+    storage_file(bag).rename(bag / "bag.bag")
+    edit_metadata(bag, "bag.db3", "bag.bag")
+    edit_metadata(bag, "storage_identifier: sqlite3", "storage_identifier: rosbag_v2")
+    assert refusal(bag).code == "R2B302"
+
+
+@pytest.mark.parametrize("named", ["bag_1.db3", ""], ids=["another file", "no file"])
+def test_names_the_files_that_metadata_does_not_name(bag: Path, named: str) -> None:
+    edit_metadata(bag, r"relative_file_paths:\n.*\n", f"relative_file_paths: [{named}]\n")
+    error = refusal(bag)
+    assert error.code == "R2B303"
+    assert "write metadata.yaml anew for bag.db3" in error.hint
+
+
+def test_another_file_beside_those_of_metadata_is_said(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (bag / "bag_1.db3").write_bytes(storage_file(bag).read_bytes())
+    assert verify(bag) == ["bag_1.db3 is no part of the bag: metadata.yaml does not name it"]
+    main(["data", "info", str(bag)])
+    assert "bag_1.db3 is not part of it" in capsys.readouterr().out
+
+
+def test_a_folder_of_bags_names_them(tmp_path: Path) -> None:
+    write_bag(tmp_path / "one", chatter())
+    assert "one" in refusal(tmp_path).hint
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "it is empty, as after a crash of the recorder"),
+        (b"\x89MCAP0\r\n", "it ends before its footer"),
+    ],
+)
+def test_an_unfinished_file_is_no_damaged_one(tmp_path: Path, content: bytes, said: str) -> None:
+    (tmp_path / "bag.mcap").write_bytes(content)
+    error = refusal(tmp_path / "bag.mcap")
+    assert (error.code, said in str(error)) == ("R2B304", True)
+    assert ("mcap recover" in error.hint) is bool(content)
+
+
+def test_a_topic_of_several_types_or_encodings_has_them_all() -> None:
+    infos = [
+        TopicInfo(name="/a", type=kind, count=2, serialization=encoding)
+        for kind, encoding in ((STRING, "cdr"), (STRING, "json"), ("std_msgs/msg/Header", "cdr"))
+    ]
+    (merged,) = merge_topics(infos, 0).values()
+    assert merged.type == f"{STRING} and std_msgs/msg/Header"
+    assert (merged.serialization, merged.count) == ("cdr and json", 6)
 
 
 @pytest.mark.parametrize("victim", ["metadata.yaml", "bag.db3"])

@@ -9,6 +9,7 @@ import pytest
 from data_bags import START_NS, text, write_bag
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.recorded_parts import RecordedParts, find_parts
+from r2bspec.bags.recorded_times import read_times
 from r2bspec.bags.recording import TimeWindow
 from r2bspec.cli.main import main
 
@@ -20,7 +21,10 @@ def recorded_at(folder: Path, *times_ns: int) -> Path:
 
 
 def parts_of(bag: Path, window: TimeWindow | None = None) -> RecordedParts | None:
-    return find_parts(bag, index_bag(bag), window=window)
+    index = index_bag(bag)
+    times = read_times(bag, index, index.topics, window)
+    assert times is not None
+    return find_parts(index, times, window)
 
 
 EARLY = range(1, 6)
@@ -41,6 +45,14 @@ def test_a_part_before_the_gap_has_an_end(tmp_path: Path) -> None:
     parts = parts_of(recorded_at(tmp_path, *late, LATE[0]))
     assert parts is not None
     assert parts.window_text == "window: {start: 0 s, end: 2.901 s}"
+
+
+def test_a_part_with_another_gap_is_split_again(tmp_path: Path) -> None:
+    later = [time_ns + 50 * S_NS for time_ns in LATE[:8]]
+    parts = parts_of(recorded_at(tmp_path, *EARLY, *LATE, *later))
+    assert parts is not None
+    assert parts.text == "gaps of 1000 s and 47.1 s, and 30 of its 43 messages in one piece"
+    assert parts.window_text == "window: {start: 999.999 s, end: 1002.9 s}"
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
+from r2bspec.bags.message_types import read_stamp
 from r2bspec.execute.fill_buffers import merge_static
 from r2bspec.ipc.buffers import (
     BufferIndex,
@@ -17,7 +18,6 @@ from r2bspec.ipc.buffers import (
     largest_message_bytes,
     read_index,
     read_messages,
-    read_stamp,
     transform_stamps,
 )
 from transform_bags import read_transforms, transforms
