@@ -32,6 +32,7 @@ from r2bspec.judge.measure.distribution import part_value
 from r2bspec.judge.measure.metric import MetricInfo
 from r2bspec.judge.measure.metric_catalogue import (
     WHOLE_GRAPH,
+    device_metric,
     find_metric,
     monitor_metrics,
     observed_metric,
@@ -206,7 +207,12 @@ _Values = tuple[str, str, str, list[float | None]]
 def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries]:
     starts = tuple(iteration.start for iteration in rate.iterations)
     starts = starts if all(starts) else ()
-    values_of = (*_of_monitors(rate), *_of_processes(rate, graph), *_of_parts(rate))
+    values_of = (
+        *_of_monitors(rate),
+        *_of_processes(rate, graph),
+        *_of_devices(rate),
+        *_of_parts(rate),
+    )
     return {
         (rate.offered_hz, monitor, metric): MetricSeries(tuple(values), unit, starts=starts)
         for monitor, metric, unit, values in values_of
@@ -232,6 +238,13 @@ def _of_processes(rate: RateMetrics, graph: set[str]) -> Iterator[_Values]:
         uses[WHOLE_GRAPH] = [iteration.graph for iteration in rate.iterations]
     for process, used in uses.items():
         yield "", f"cpu.{process}.mean", "share", [use.cpu_mean if use else None for use in used]
+
+
+def _of_devices(rate: RateMetrics) -> Iterator[_Values]:
+    for name in rate.pooled.devices or ():
+        info = device_metric(name)
+        if info is not None and info.part in info.metric.compared:
+            yield "", name, info.unit, [(one.devices or {}).get(name) for one in rate.iterations]
 
 
 def _of_parts(rate: RateMetrics) -> Iterator[_Values]:

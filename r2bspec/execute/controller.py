@@ -507,13 +507,17 @@ class _Run:
             self._record(None),
             self._plan,
             lambda segment: samples[segment.id],
-            HostSamples(ProcessSamples(resources.rows()), resources.interference()),
+            HostSamples(
+                ProcessSamples(resources.rows()), resources.interference(), resources.devices()
+            ),
         )
 
     def _write_resource_samples(self) -> None:
         folder, resources = self._context.folder, self._context.resources
         folder.write_resources(resources.rows())
         folder.write_interference(resources.interference())
+        if (devices := resources.devices()).size:
+            folder.write_devices(devices)
 
     def _write_partial_record(self) -> None:
         """Write the current record, so that a killed run can also be read."""

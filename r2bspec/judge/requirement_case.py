@@ -17,6 +17,7 @@ from r2bspec.judge.statistics.t_interval import scatter_level
 from r2bspec.judge.verdict import Outcome, RequirementVerdict, ShareTest
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement
+from r2bspec.record.run_record import RunRecord
 
 MAX_LOST_SHARE: Final = 0.01
 """A mean latency over a larger share of lost outputs does not PASS."""
@@ -145,6 +146,15 @@ class Decision:
 def undecided(reason: str, remedy: str = "") -> Decision:
     """A case that no test can decide, and what would help."""
     return Decision(outcome="inconclusive", method="none", reason=reason, remedy=remedy)
+
+
+def unmeasured(case: RequirementCase, record: RunRecord) -> Decision | None:
+    """Return the decision on a metric of devices without a value, with the reason; else None."""
+    if case.info.scope is not Scope.DEVICE:
+        return None
+    device = "package" if "package" in case.info.name else "gpu"
+    why = record.machine.get(f"{device}_unmeasured") or "the machine did not tell it all the time"
+    return undecided(f"{case.info.name} was not measured: {why}.")
 
 
 def decide(*, passes: bool, fails: bool) -> Outcome:

@@ -65,10 +65,10 @@ class ComparisonError(ValueError):
 
 
 class Bound(msgspec.Struct, frozen=True, kw_only=True):
-    """The right-hand side: a value in SI base units (s, Hz, bytes, fraction, or a count)."""
+    """The right-hand side: a value in SI base units (s, Hz, bytes, fraction, W, J, or a count)."""
 
     value: float
-    dimension: Literal["time", "rate", "size", "share", "count"]
+    dimension: Literal["time", "rate", "size", "share", "power", "energy", "count"]
     of_offered: bool = False
     of_baseline: bool = False
 

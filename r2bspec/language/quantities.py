@@ -70,7 +70,7 @@ class Quantity:
     __slots__ = ("_value",)
     units: ClassVar[dict[str, Decimal]] = {}
     kind: ClassVar[str] = "quantity"
-    dimension: ClassVar[Literal["time", "rate", "size", "share"]]
+    dimension: ClassVar[Literal["time", "rate", "size", "share", "power", "energy"]]
     example: ClassVar[str] = ""
     whole: ClassVar[bool] = False
 
@@ -279,6 +279,34 @@ class Share(Quantity):
         return f"{_format_decimal(Decimal(repr(self.fraction)) * 100)} %"
 
 
+class Power(Quantity):
+    """A power in watts."""
+
+    __slots__ = ()
+    kind: ClassVar[str] = "power"
+    dimension: ClassVar[Literal["power"]] = "power"
+    example: ClassVar[str] = "15 W"
+    units: ClassVar[dict[str, Decimal]] = {
+        "W": Decimal(1),
+        "mW": Decimal("0.001"),
+        "kW": Decimal(1000),
+    }
+
+
+class Energy(Quantity):
+    """An energy in joules."""
+
+    __slots__ = ()
+    kind: ClassVar[str] = "energy"
+    dimension: ClassVar[Literal["energy"]] = "energy"
+    example: ClassVar[str] = "500 mJ"
+    units: ClassVar[dict[str, Decimal]] = {
+        "J": Decimal(1),
+        "mJ": Decimal("0.001"),
+        "kJ": Decimal(1000),
+    }
+
+
 def _format_decimal(number: Decimal) -> str:
     """A decimal number as text, without exponent and trailing zeros."""
     text = format(number.normalize(), "f")
@@ -286,6 +314,6 @@ def _format_decimal(number: Decimal) -> str:
 
 
 QUANTITIES: Final[dict[str, type[Quantity]]] = {
-    quantity.kind: quantity for quantity in (Duration, Rate, Size, Share)
+    quantity.kind: quantity for quantity in (Duration, Rate, Size, Share, Power, Energy)
 }
 """The kinds of quantity by their names."""

@@ -120,9 +120,18 @@ class VariableDeclaration(Record, frozen=True, kw_only=True):
         description: The purpose of the variable.
     """
 
-    type: Literal["string", "integer", "number", "boolean", "duration", "rate", "size", "share"] = (
-        "string"
-    )
+    type: Literal[
+        "string",
+        "integer",
+        "number",
+        "boolean",
+        "duration",
+        "rate",
+        "size",
+        "share",
+        "power",
+        "energy",
+    ] = "string"
     value: Annotated[Scalar | None, key("30 Hz", 1280)] = None
     default: Annotated[Scalar | None, key("30 Hz", 1280)] = None
     description: Annotated[str, key("The camera's rate.")] = ""

@@ -124,6 +124,8 @@ _BOUNDS: Final = {
     "rate": ("30 Hz", "95 % of offered", "95 % of baseline"),
     "share": ("1 %", "5 %"),
     "size": ("100 MiB", "1 GiB"),
+    "power": ("15 W",),
+    "energy": ("500 mJ",),
     "count": ("0", "1"),
 }
 

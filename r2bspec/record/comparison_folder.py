@@ -17,7 +17,7 @@ with pauses. Each iteration keeps its samples; the indices are renumbered.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -39,7 +39,7 @@ from r2bspec.record.run_record import (
     SearchRecord,
     Segment,
 )
-from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
+from r2bspec.record.sample_arrays import DEVICE_DTYPE, INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 from r2bspec.safe_io.limits import MAX_SEGMENTS
 from r2bspec.safe_io.safe_file import is_regular
 
@@ -77,14 +77,21 @@ class MergedRun(Run):
 
     def resources(self) -> Rows:
         """See `Run.resources`; the processes of each run follow those of the previous one."""
-        found: list[Rows] = []
+        rows = self._renumbered([run.resources() for run in self.runs])
+        return np.concatenate([np.empty(0, RESOURCE_DTYPE), *rows])
+
+    def devices(self) -> Rows:
+        """See `Run.devices`, likewise."""
+        rows = self._renumbered([run.devices() for run in self.runs])
+        return np.concatenate([np.empty(0, DEVICE_DTYPE), *rows])
+
+    def _renumbered(self, of_runs: Sequence[Rows]) -> Iterator[Rows]:
         before = 0
-        for run in self.runs:
-            rows = run.resources().copy()
-            rows["process"][rows["process"] >= 0] += before
-            found.append(rows)
+        for run, rows in zip(self.runs, of_runs, strict=True):
+            renumbered = rows.copy()
+            renumbered["process"][rows["process"] >= 0] += before
+            yield renumbered
             before += len(run.record.processes)
-        return np.concatenate(found) if found else np.empty(0, RESOURCE_DTYPE)
 
     def interference(self) -> Rows:
         """See `Run.interference`; a pair played again has later times than those after it."""

@@ -48,7 +48,14 @@ FOLDER_ENTRIES: Final = frozenset(
         *RECORD_FILES,
         *("spec.yaml", "plan.json", "base.plan.json", "result.json", "baseline.json"),
         *("samples", "logs", "profile", "base", "head", "trials"),
-        *("resources.npy", "interference.npy", "anatomy.npy", LOADED_FILES, LOCK_FILE),
+        *(
+            "resources.npy",
+            "interference.npy",
+            "devices.npy",
+            "anatomy.npy",
+            LOADED_FILES,
+            LOCK_FILE,
+        ),
     }
 )
 """The names that are not for reports in such a folder."""
@@ -73,6 +80,7 @@ _FOLDER_MODE = 0o700
 
 _RESOURCES = "resources.npy"
 _INTERFERENCE = "interference.npy"
+_DEVICES = "devices.npy"
 _ANATOMY = "anatomy.npy"
 _WORK = "work.npy"
 
@@ -188,6 +196,10 @@ class RunFolder:
     def write_interference(self, rows: arrays.Rows) -> None:
         """Write host interference over the whole run: rows of `INTERFERENCE_DTYPE`."""
         self._write_rows(_INTERFERENCE, rows, arrays.INTERFERENCE_DTYPE)
+
+    def write_devices(self, rows: arrays.Rows) -> None:
+        """Write GPUs and processor packages over the whole run: rows of `DEVICE_DTYPE`."""
+        self._write_rows(_DEVICES, rows, arrays.DEVICE_DTYPE)
 
     def _write_rows(self, place: str, rows: arrays.Rows, dtype: np.dtype[np.void]) -> None:
         self._digests[place] = arrays.write_rows(self.path / place, rows, dtype)
@@ -306,6 +318,14 @@ class Run:
             RecordError: the file is damaged.
         """
         return self._read_optional(_INTERFERENCE, arrays.INTERFERENCE_DTYPE)
+
+    def devices(self) -> arrays.Rows:
+        """GPUs and processor packages (type `DEVICE_DTYPE`); no rows if none was sampled.
+
+        Raises:
+            RecordError: the file is damaged.
+        """
+        return self._read_optional(_DEVICES, arrays.DEVICE_DTYPE)
 
     def _read_optional(self, name: str, dtype: np.dtype[np.void]) -> arrays.Rows:
         path = self.folder / name

@@ -11,6 +11,7 @@ A run folder contains::
                        events in the processes of the graph, where they were observed from inside
     resources.npy      CPU and memory of every process over the whole run
     interference.npy   host interference over the whole run
+    devices.npy        GPUs and the energy of processors, likewise, where the machine tells
     loaded_files.json  the files that each process of the graph loaded (`loaded_files`)
     logs/PROCESS.log   the output of each process
     profile/PROCESS/   what a profiler wrote

@@ -80,6 +80,22 @@ the time in which the control group had used up its quota, or a core was throttl
 `cycles` is the CPU time of each of these cores times its frequency at the sampling time; it is -1
 in files of versions that did not record it."""
 
+DEVICE_FIELDS = (
+    ("time_ns", "<i8"),
+    ("process", "<i4"),
+    ("busy_s", "<f8"),
+    ("encoder_s", "<f8"),
+    ("decoder_s", "<f8"),
+    ("gpu_j", "<f8"),
+    ("package_j", "<f8"),
+    ("gpu_bytes", "<f8"),
+)
+"""One row per sampling time, of the whole machine (-1), and of each process that was on a GPU, as
+`process` of `RESOURCE_FIELDS`. The sums over all GPUs: the time for which they, their encoders and
+their decoders were busy, and their energy in joules, all cumulative; and the memory in use.
+`package_j` is the cumulative energy of the processor packages. NaN is what is not known; both
+energies are so of a process."""
+
 ANATOMY_FIELDS = (
     ("object", "<u4"),
     ("process", "<u4"),
@@ -108,6 +124,7 @@ WORK_DTYPE: np.dtype[np.void] = np.dtype(list(WORK_FIELDS))
 MONITOR_DTYPE: np.dtype[np.void] = np.dtype(list(MONITOR_FIELDS))
 RESOURCE_DTYPE: np.dtype[np.void] = np.dtype(list(RESOURCE_FIELDS))
 INTERFERENCE_DTYPE: np.dtype[np.void] = np.dtype(list(INTERFERENCE_FIELDS))
+DEVICE_DTYPE: np.dtype[np.void] = np.dtype(list(DEVICE_FIELDS))
 ANATOMY_DTYPE: np.dtype[np.void] = np.dtype(list(ANATOMY_FIELDS))
 
 

@@ -17,6 +17,7 @@ from r2bspec.judge.measure.distribution import (
     part_value,
 )
 from r2bspec.judge.measure.metric import SECTIONS, MetricInfo, Outputs
+from r2bspec.judge.measure.metric_catalogue import device_metric
 from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics, UseMetrics
 from r2bspec.judge.measure.units import at_rate, show, show_rate, significant
 from r2bspec.judge.result import Result
@@ -457,6 +458,9 @@ def _load_blocks(result: Result) -> Iterator[Block]:
         tuple(_load_rows(rates)),
         "CPU: 100 % is one core; work: processor time a step; faults: minor page faults a message",
     )
+    if devices := tuple(_device_rows(rates)):
+        columns = (Column("metric", number=False), Column("offered"), Column("value"))
+        yield Table("devices", columns, devices, "GPUs (NVML) and processor packages (RAPL)")
     if any(rate.pooled.playback.sent is not None for rate in rates):
         yield _playback_table(rates)
     yield from _interference_blocks(result)
@@ -477,6 +481,16 @@ def _load_rows(rates: Sequence[RateMetrics]) -> Iterator[Row]:
         yield from _use_rows("whole graph", "graph", graph, rates)
     machine = [rate.pooled.machine for rate in rates]
     yield from _use_rows("whole machine", "machine", machine, rates)
+
+
+def _device_rows(rates: Sequence[RateMetrics]) -> Iterator[Row]:
+    for name in dict.fromkeys(name for rate in rates for name in rate.pooled.devices or ()):
+        metric = device_metric(name)
+        for index, rate in enumerate(rates):
+            value = (rate.pooled.devices or {}).get(name)
+            path = f"metrics/rates/{index}/pooled/devices/{pointer(name)}"
+            cell = number(value, metric.unit if metric is not None else "", path)
+            yield Row((Cell(name), Cell(show_rate(rate.offered_hz, rate.pace)), cell))
 
 
 def _use_rows(

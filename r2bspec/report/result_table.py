@@ -13,7 +13,12 @@ from typing import NamedTuple
 
 from r2bspec.judge.measure.distribution import PARTS, SHORT_PERCENTILES, part_value
 from r2bspec.judge.measure.metric import MetricInfo, Outputs, Section
-from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, monitor_metrics, observed_metric
+from r2bspec.judge.measure.metric_catalogue import (
+    WHOLE_GRAPH,
+    device_metric,
+    monitor_metrics,
+    observed_metric,
+)
 from r2bspec.judge.measure.metrics import (
     WORK_PARTS,
     MonitorMetrics,
@@ -171,6 +176,9 @@ def _segment(segment: SegmentMetrics) -> Iterator[_Value]:
         yield "", f"minor_faults.{process}.per_message", "count", use.faults_per_message
         for part in WORK_PARTS if use.work is not None else ():
             yield "", f"work.{process}.{part}", "s", getattr(use.work, part)
+    for name, value in (segment.devices or {}).items():
+        device = device_metric(name)
+        yield "", name, device.unit if device is not None else "", value
     for series, values in (segment.anatomy or {}).items():
         observed = observed_metric(series)
         if observed is not None and observed.dimension == "share":

@@ -44,6 +44,8 @@ from r2bspec.record.run_record import (
     SegmentKind,
 )
 from r2bspec.record.sample_arrays import (
+    DEVICE_DTYPE,
+    DEVICE_FIELDS,
     INTERFERENCE_DTYPE,
     MONITOR_DTYPE,
     PLAYBACK_DTYPE,
@@ -107,8 +109,8 @@ class Played:
 class Simulation:
     """A run to be written; see `RunRecord` for most of the fields.
 
-    `interference` says by how much each of their sums grows in a second, `waited` the run-queue
-    wait of each process; it is unknown by default.
+    `interference` and `devices` say by how much each of their sums grows in a second, `waited` the
+    run-queue wait of each process; it is unknown by default. `machine` has further facts of it.
     """
 
     segments: Sequence[Played] = ()
@@ -123,6 +125,8 @@ class Simulation:
     cpu: Mapping[str, float] = field(default_factory=lambda: {"player": 0.1, "apriltag": 0.5})
     start_ns: int = EPOCH_NS
     interference: Mapping[str, float] = field(default_factory=dict)
+    devices: Mapping[str, float] = field(default_factory=dict)
+    machine: Mapping[str, str] = field(default_factory=dict)
     waited: float = math.nan
 
     def write(self, path: Path) -> Run:
@@ -141,6 +145,8 @@ class Simulation:
         folder.write_resources(self._resources(end_ns))
         if self.interference:
             folder.write_interference(self._interference(end_ns))
+        if self.devices:
+            folder.write_devices(self._devices(end_ns))
         folder.write_record(self._record(plan, tuple(segment for segment, _ in played)))
         return open_run(path)
 
@@ -158,6 +164,7 @@ class Simulation:
                 self._interference(end_ns)
                 if self.interference
                 else np.empty(0, INTERFERENCE_DTYPE),
+                self._devices(end_ns),
             ),
         )
 
@@ -247,7 +254,7 @@ class Simulation:
             status=self.status,
             reason=self.reason,
             dataset={"source": "r2b_storage", "sha256": "0" * 64},
-            machine={"cpu": "a simulated processor", "cores": 2},
+            machine={"cpu": "a simulated processor", "cores": 2, **self.machine},
             versions={"r2bspec": "0.0.0"},
             processes=tuple(
                 ProcessRecord(
@@ -273,6 +280,17 @@ class Simulation:
         for name, growth in self.interference.items():
             rows[name] = 100 + growth * ((times - times[0]) / 1e9)
         return rows
+
+    def _devices(self, end_ns: int) -> Rows:
+        """The machine, and the second process of the run, which does a half of what it does."""
+        times = _times(self.start_ns, end_ns) if self.devices else np.empty(0, np.int64)
+        rows = np.zeros((2, times.size), DEVICE_DTYPE)
+        rows["time_ns"], rows["process"] = times, [[-1], [1]]
+        for name, _ in DEVICE_FIELDS[2:]:
+            growth = self.devices.get(name, math.nan)
+            rows[name] = growth if name == "gpu_bytes" else growth * (times - times[:1]) / 1e9
+            rows[name][1] /= 2
+        return rows.ravel()
 
     def _resources(self, end_ns: int) -> Rows:
         times = _times(self.start_ns, end_ns)

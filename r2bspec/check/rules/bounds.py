@@ -15,9 +15,11 @@ _EXAMPLES = {
     "rate": "a rate, such as 30 Hz, or a share of the offered one, such as 97 % of offered",
     "size": "a size, such as 64 MiB",
     "share": "a share, such as 2 %",
+    "power": "a power, such as 15 W",
+    "energy": "an energy, such as 500 mJ",
     "count": "a whole number",
 }
-_UNITS = {"time": "ms", "rate": "Hz", "size": "MiB", "share": "%"}
+_UNITS = {"time": "ms", "rate": "Hz", "size": "MiB", "share": "%", "power": "W", "energy": "J"}
 """The usual unit of a bound."""
 
 

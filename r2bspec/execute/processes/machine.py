@@ -20,6 +20,7 @@ import psutil
 
 from r2bspec._version import __version__
 from r2bspec.execute.errors import OtherMachineError
+from r2bspec.execute.processes.devices import describe_devices
 from r2bspec.middleware.middleware import middleware_of, selected_rmw
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.this_machine import LABELS_VARIABLE, cpu_quota, this_machine, unmet
@@ -52,7 +53,7 @@ def describe_machine() -> dict[str, Any]:
         "load_1min": load_1min,
         "load_5min": load_5min,
         "cpu_governor": _read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
-        "gpus": _gpus(),
+        **describe_devices(),
     }
 
 
@@ -86,24 +87,6 @@ def _threads_per_core() -> int | None:
         if (mask := _read(path))
     ]
     return max(siblings, default=None)
-
-
-def _gpus() -> list[str]:
-    """The names of the NVIDIA GPUs, if NVML and its bindings (the extra `gpu`) are installed."""
-    try:
-        import pynvml
-
-        pynvml.nvmlInit()
-    except Exception:  # the bindings raise their own errors where there is no driver
-        return []
-    try:
-        count = pynvml.nvmlDeviceGetCount()
-        return [
-            str(pynvml.nvmlDeviceGetName(pynvml.nvmlDeviceGetHandleByIndex(n)))
-            for n in range(count)
-        ]
-    finally:
-        pynvml.nvmlShutdown()
 
 
 def _os_name() -> str:

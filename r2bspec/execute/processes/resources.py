@@ -1,8 +1,8 @@
 """CPU and memory of every process over the whole run, sampled on a thread of the controller.
 
-Host interference is sampled at the same times. In addition to its periodic samples, the sampler
-takes samples on request: at the start and end of every segment, so that the use in a segment need
-not be interpolated.
+Host interference and devices are sampled at the same times. In addition to its periodic samples,
+the sampler takes samples on request: at the start and end of every segment, so that the use in a
+segment need not be interpolated.
 
 Host interference: counters for the load of other processes. All values are cumulative, so the
 difference of two readings is the interference between them. A value that the system does not
@@ -35,10 +35,11 @@ from typing import Final, NamedTuple
 import numpy as np
 import psutil
 
+from r2bspec.execute.processes.devices import DeviceReader
 from r2bspec.ipc.process_cleanup import carries_run_id
 from r2bspec.judge.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX, ORPHANS_INDEX
 from r2bspec.plan.this_machine import control_groups
-from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
+from r2bspec.record.sample_arrays import DEVICE_DTYPE, INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 
 _SYSTEM = Path("/")
 
@@ -308,6 +309,8 @@ class ResourceSampler:
         self._rows = bytearray()
         self._interference_rows = bytearray()
         self._interference = InterferenceReader()
+        self._device_rows = bytearray()
+        self._devices = DeviceReader()
         self._self = psutil.Process()
         self._resident: dict[int, int] = {}
         self._cores: dict[int, float] = {}
@@ -365,6 +368,10 @@ class ResourceSampler:
         """The same of host interference: rows of `sample_arrays.INTERFERENCE_DTYPE`."""
         return np.frombuffer(bytes(self._interference_rows), dtype=INTERFERENCE_DTYPE)
 
+    def devices(self) -> Rows:
+        """The same of GPUs and processor packages: rows of `sample_arrays.DEVICE_DTYPE`."""
+        return np.frombuffer(bytes(self._device_rows), dtype=DEVICE_DTYPE)
+
     def _run(self) -> None:
         while True:
             self._sample()
@@ -408,7 +415,9 @@ class ResourceSampler:
         }
         members = {listed.pid: number for number, tree in trees.items() for listed in tree}
         orphans: dict[int, list[psutil.Process]] = {}
-        for pid, number in self._orphans.find(members, leaders, ORPHANS_INDEX).items():
+        found = self._orphans.find(members, leaders, ORPHANS_INDEX)
+        self._device_rows += b"".join(self._devices.rows(members | found))
+        for pid, number in found.items():
             with contextlib.suppress(psutil.Error):
                 orphans.setdefault(number, []).append(psutil.Process(pid))
         for number, process in [*processes, (ORPHANS_INDEX, None)]:

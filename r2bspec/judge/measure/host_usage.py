@@ -7,8 +7,9 @@ host interference.
 from __future__ import annotations
 
 import math
+import statistics
 from bisect import bisect_left, bisect_right
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.measure.units import show
-from r2bspec.record.sample_arrays import RESOURCE_DTYPE, Rows
+from r2bspec.record.sample_arrays import RESOURCE_DTYPE, RESOURCE_FIELDS, Rows
 
 
 @dataclass(frozen=True)
@@ -320,6 +321,81 @@ def pool_resource_use(samples: Iterable[ResourceUse | None]) -> ResourceUse | No
         cpu_max=max(_known(known, "cpu_max"), default=None),
         memory_max_bytes=max(_known(known, "memory_max_bytes"), default=None),
         minor_faults=_sum(known, "minor_faults"),
+    )
+
+
+@dataclass(frozen=True)
+class DeviceUse:
+    """What GPUs and processor packages did in a window, by the counters of `DEVICE_FIELDS`.
+
+    Attributes:
+        mean: the growth of a counter per time.
+        most: the largest of the same between two samples at least `MIN_SPACING_NS` apart.
+        per_step: the growth for each step of the segment.
+        gpu_bytes: the largest GPU memory in use at a sample; None if it is unknown.
+    """
+
+    mean: dict[str, float]
+    most: dict[str, float]
+    per_step: dict[str, float]
+    gpu_bytes: float | None
+
+
+_COUNTERS: Final = ("busy_s", "encoder_s", "decoder_s", "gpu_j", "package_j")
+_COUNTED: Final = np.dtype(
+    [(name, "<f8" if name == "memory_bytes" else kind) for name, kind in RESOURCE_FIELDS]
+)
+
+
+def device_use(
+    rows: Rows, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64], steps: Sequence[int]
+) -> list[dict[int, DeviceUse]]:
+    """What devices did in each of some windows, for the machine and for processes on a GPU.
+
+    What is unknown at one sample of a window is unknown in the window.
+
+    Args:
+        rows: of type `DEVICE_DTYPE`.
+        began_ns: the beginnings of the windows.
+        ended_ns: their ends.
+        steps: the number of steps in each window.
+    """
+    found: list[dict[int, DeviceUse]] = [{} for _ in steps]
+    # The growth of a counter is calculated as that of processor time.
+    counted = np.zeros(rows.size, _COUNTED)
+    counted["time_ns"], counted["process"] = rows["time_ns"], rows["process"]
+    counted["memory_bytes"] = rows["gpu_bytes"]
+    for counter in _COUNTERS:
+        counted["cpu_s"] = rows[counter]
+        for place, uses in enumerate(ProcessSamples(counted).used_in(began_ns, ended_ns)):
+            seconds = (ended_ns[place] - began_ns[place]) / 1e9
+            for index, use in uses.items():
+                memory = use.memory_max_bytes
+                known = memory if memory is not None and math.isfinite(memory) else None
+                of_index = found[place].setdefault(index, DeviceUse({}, {}, {}, known))
+                mean = use.cpu_mean
+                if mean is None or use.cpu_max is None or not math.isfinite(mean):
+                    continue
+                of_index.mean[counter], of_index.most[counter] = mean, use.cpu_max
+                if steps[place]:
+                    of_index.per_step[counter] = float(mean * seconds / steps[place])
+    return found
+
+
+def pool_device_use(samples: Sequence[DeviceUse]) -> DeviceUse:
+    """The means of the means, and the largest of the maxima; what one lacks is unknown."""
+
+    def pool(name: str, of: Callable[[list[float]], float]) -> dict[str, float]:
+        known = [getattr(sample, name) for sample in samples]
+        common = [key for key in known[0] if all(key in one for one in known)]
+        return {key: of([one[key] for one in known]) for key in common}
+
+    memory = [sample.gpu_bytes for sample in samples]
+    return DeviceUse(
+        mean=pool("mean", statistics.fmean),
+        most=pool("most", max),
+        per_step=pool("per_step", statistics.fmean),
+        gpu_bytes=None if None in memory else max(filter(None, memory), default=0.0),
     )
 
 

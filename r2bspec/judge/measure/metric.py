@@ -24,7 +24,7 @@ Statistic = Literal["percentile", "share", "mean", "observation", "search", "seq
 (percentile, share), by t over the iterations (mean), by comparing the observed value
 (observation), by the bracket of the search (search) or by a probe (sequential)."""
 
-Dimension = Literal["time", "rate", "size", "share", "count", "none"]
+Dimension = Literal["time", "rate", "size", "share", "power", "energy", "count", "none"]
 
 Outputs = Literal["answers", "any", "own pace", "live"]
 """The outputs of a monitor: a known number of answers to inputs, any number of these, of a pace of
@@ -64,6 +64,7 @@ class Scope(StrEnum):
     PROCESS = "process", "each process of the plan"
     GRAPH = "graph", "the graph"
     MACHINE = "machine", "the machine"
+    DEVICE = "device", "the GPUs and processors of the machine; processes on a GPU"
     WORK = "work", "each process of the graph, and the graph"
     SEARCH = "search", "the search for the peak"
     PROBE = "probe", "a probe at one rate"
@@ -72,7 +73,7 @@ class Scope(StrEnum):
     @property
     def is_sampled(self) -> bool:
         """Whether a missing value means that nothing was sampled, not that nothing arrived."""
-        return self in {Scope.PROCESS, Scope.GRAPH, Scope.MACHINE, Scope.WORK}
+        return self in {Scope.PROCESS, Scope.GRAPH, Scope.MACHINE, Scope.DEVICE, Scope.WORK}
 
     @property
     def of_messages(self) -> bool:
@@ -90,6 +91,8 @@ _UNITS_AND_EXAMPLES: dict[Dimension, tuple[str, str]] = {
     "rate": ("Hz", ">= 30 Hz"),
     "size": ("B", "<= 64 MiB"),
     "share": ("share", "<= 2 %"),
+    "power": ("W", "<= 15 W"),
+    "energy": ("J", "<= 500 mJ"),
     "count": ("count", "== 0"),
     "none": ("", ""),
 }

@@ -227,6 +227,12 @@ def observed_metric(series: str) -> MetricInfo | None:
     return None
 
 
+def device_metric(name: str) -> MetricInfo | None:
+    """Return the metric of a GPU or a processor by its name, of any process; None without one."""
+    info = _find(name, None)
+    return info if info is not None and info.scope is Scope.DEVICE else None
+
+
 def _unknown_metric(name: str, message: str, subjects: Subjects, prefix: str = "") -> MetricError:
     """The error for an unknown name: if its first word is a family, only that family is listed."""
     family = name.partition(".")[0]

@@ -5,6 +5,7 @@ The functions get what a metric is measured of in one segment, by its scope:
     monitor                 `MonitorSamples`
     playback                `PlaybackSamples`; not in a live run
     process, graph, machine `ResourceUse`
+    device                  `DeviceUse`
     work                    the processor time of each step, in seconds
     anatomy                 what was observed of the node, topic or monitor, in the order of events
     search, probe           nothing: what was recorded decides
@@ -27,7 +28,7 @@ from r2bspec.judge.measure.metric import DECLARED as DECLARED
 from r2bspec.judge.measure.metric import Scope, metric
 
 if TYPE_CHECKING:
-    from r2bspec.judge.measure.host_usage import ResourceUse
+    from r2bspec.judge.measure.host_usage import DeviceUse, ResourceUse
     from r2bspec.judge.measure.sample_table import MonitorSamples
     from r2bspec.judge.measure.samples import PlaybackSamples
     from r2bspec.judge.measure.times import Seconds
@@ -619,6 +620,108 @@ def memory_of_machine(used: ResourceUse) -> dict[str, float | None]:
     max over the samples
     """
     return _memory(used)
+
+
+def _counter(used: DeviceUse, name: str) -> dict[str, float | None]:
+    return {"mean": used.mean.get(name), "max": used.most.get(name)}
+
+
+_OF_DEVICES: Final = {"parts": ("mean", "max"), "live": True, "compared": ("mean",)}
+
+
+@metric("gpu.utilization", Scope.DEVICE, "share", "time in which kernels ran", **_OF_DEVICES)
+def gpu_utilization(used: DeviceUse) -> dict[str, float | None]:
+    """The share of the time in which a kernel ran on a GPU, by NVML, five times a second; 100 % is
+    one GPU.
+
+    mean: (B(end) − B(begin)) / (end − begin), B the sum of utilisation · time over samples and
+    GPUs; max: the same between two samples at least 100 ms apart
+    """
+    return _counter(used, "busy_s")
+
+
+@metric("gpu.utilization.<process>", Scope.DEVICE, "share", "the same of a process", **_OF_DEVICES)
+def gpu_utilization_of_process(used: DeviceUse) -> dict[str, float | None]:
+    """The same of a process and its descendants, where NVML tells it.
+
+    as gpu.utilization
+    """
+    return _counter(used, "busy_s")
+
+
+@metric("gpu.encoder", Scope.DEVICE, "share", "time in which video was encoded", **_OF_DEVICES)
+def gpu_encoder(used: DeviceUse) -> dict[str, float | None]:
+    """The share of the time in which the video encoders of the GPUs were busy.
+
+    as gpu.utilization
+    """
+    return _counter(used, "encoder_s")
+
+
+@metric("gpu.decoder", Scope.DEVICE, "share", "time in which video was decoded", **_OF_DEVICES)
+def gpu_decoder(used: DeviceUse) -> dict[str, float | None]:
+    """The share of the time in which the video decoders of the GPUs were busy.
+
+    as gpu.utilization
+    """
+    return _counter(used, "decoder_s")
+
+
+@metric("gpu.memory", Scope.DEVICE, "size", "GPU memory in use", parts=("max",), live=True)
+def gpu_memory(used: DeviceUse) -> dict[str, float | None]:
+    """The largest memory in use on all GPUs, that of other programs included.
+
+    max over the samples
+    """
+    return {"max": used.gpu_bytes}
+
+
+@metric(
+    "gpu.memory.<process>", Scope.DEVICE, "size", "GPU memory in use", parts=("max",), live=True
+)
+def gpu_memory_of_process(used: DeviceUse) -> dict[str, float | None]:
+    """The same of a process and its descendants, where NVML tells it.
+
+    max over the samples
+    """
+    return {"max": used.gpu_bytes}
+
+
+@metric("gpu.power", Scope.DEVICE, "power", "power of the GPUs", **_OF_DEVICES)
+def gpu_power(used: DeviceUse) -> dict[str, float | None]:
+    """The power of all GPUs together.
+
+    (E(end) − E(begin)) / (end − begin), E the energy used
+    """
+    return _counter(used, "gpu_j")
+
+
+@metric("power.package", Scope.DEVICE, "power", "power of the processors", **_OF_DEVICES)
+def package_power(used: DeviceUse) -> dict[str, float | None]:
+    """The power of all processor packages of the machine, by RAPL, whose counters only root can
+    read on many machines.
+
+    as gpu.power
+    """
+    return _counter(used, "package_j")
+
+
+@metric("energy.gpu", Scope.DEVICE, "energy", "GPU energy per step", statistic="mean")
+def gpu_energy(used: DeviceUse) -> float | None:
+    """The energy of the GPUs for each step, with what they use without work.
+
+    (E(end) − E(begin)) / steps
+    """
+    return used.per_step.get("gpu_j")
+
+
+@metric("energy.package", Scope.DEVICE, "energy", "processor energy per step", statistic="mean")
+def package_energy(used: DeviceUse) -> float | None:
+    """The energy of the processor packages for each step, likewise.
+
+    as energy.gpu
+    """
+    return used.per_step.get("package_j")
 
 
 _OBSERVED_PARTS: Final = ("mean", *SHORT_PERCENTILES, "max")

@@ -75,6 +75,8 @@ def _measured(info: MetricInfo, samples: SegmentSamples) -> Any:
             return samples.graph
         case Scope.MACHINE:
             return samples.machine
+        case Scope.DEVICE:
+            return samples.devices.get(info.subject)
         case Scope.WORK:
             return samples.known_work(info.subject or WHOLE_GRAPH)
         case Scope.ANATOMY:

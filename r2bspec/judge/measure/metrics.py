@@ -19,6 +19,7 @@ from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
 from r2bspec.judge.measure.metric import MetricInfo, Scope
 from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, monitor_metrics
 from r2bspec.judge.measure.metric_declarations import DECLARED
+from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.sample_table import MonitorSamples
 from r2bspec.judge.measure.samples import HopSamples, RunSamples, SegmentSamples, pool_segments
 from r2bspec.judge.measure.times import Seconds, rank
@@ -157,6 +158,8 @@ class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         graph: what the processes of the graph used together; None in results of versions that did
             not state it.
+        devices: what GPUs and processor packages did: metrics such as ``gpu.power.mean``, by name.
+            Unset if nothing was measured.
         anatomy: what was observed from inside of each node and topic, such as ``blur.callback``;
             times in seconds, and shares, which have one value or a few. Unset if nothing was.
     """
@@ -170,6 +173,7 @@ class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
     graph: UseMetrics | None = None
     interference: HostInterference | None = None
     start: int = 0
+    devices: dict[str, float] | msgspec.UnsetType = msgspec.UNSET
     anatomy: dict[str, Distribution] | msgspec.UnsetType = msgspec.UNSET
 
 
@@ -276,9 +280,23 @@ def measure_segment(samples: SegmentSamples, *, pooled: bool = False) -> Segment
         else None,
         interference=samples.interference,
         start=0 if pooled else samples.segment.start,
+        devices=_devices(samples) or msgspec.UNSET,
         anatomy={name: distribution(times) for name, times in samples.anatomy.items()}
         or msgspec.UNSET,
     )
+
+
+def _devices(samples: SegmentSamples) -> dict[str, float]:
+    infos = [
+        msgspec.structs.replace(info, subject=subject)
+        for metric in DECLARED
+        if metric.scope is Scope.DEVICE
+        for subject in samples.devices
+        if bool(metric.placeholder) == bool(subject)
+        for info in metric.infos
+    ]
+    values = {info.name: metric_value(info, None, samples) for info in infos}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _measure_rate(

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -25,8 +25,9 @@ from r2bspec.judge.measure.anatomy_summary import summarised
 from r2bspec.judge.measure.host_usage import (
     MACHINE_INDEX,
     ProcessSamples,
-    ResourceUse,
+    device_use,
     host_interference,
+    pool_device_use,
     total_use,
 )
 from r2bspec.judge.measure.matching import (
@@ -49,7 +50,7 @@ from r2bspec.record.comparison_folder import MergedRun, prefixed_id
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ProcessRecord, RunRecord, Segment
-from r2bspec.record.sample_arrays import Rows
+from r2bspec.record.sample_arrays import DEVICE_DTYPE, Rows
 from r2bspec.safe_io.limits import MAX_PROCESS_WINDOWS
 
 _HARNESS_ROLES = ("player", "monitor", "harness", "observer")
@@ -86,10 +87,12 @@ class HostSamples:
     Attributes:
         processes: from rows of `RESOURCE_DTYPE`.
         interference: rows of `INTERFERENCE_DTYPE`.
+        devices: rows of `DEVICE_DTYPE`.
     """
 
     processes: ProcessSamples
     interference: Rows
+    devices: Rows = field(default_factory=lambda: np.empty(0, DEVICE_DTYPE))
 
 
 def read_samples(run: Run) -> RunSamples:
@@ -103,7 +106,7 @@ def read_samples(run: Run) -> RunSamples:
         run.record,
         run.plan,
         lambda segment: segment_samples(run.plan, segment, _read_rows(run, segment, played)),
-        HostSamples(_read_process_samples(run), run.interference()),
+        HostSamples(_read_process_samples(run), run.interference(), run.devices()),
     )
 
 
@@ -379,28 +382,39 @@ def _host_samples(record: RunRecord, plan: Plan, host: HostSamples) -> Mapping[s
         used,
         host.processes.used_together(of_graph, began_ns, ended_ns),
         host_interference(host.interference, used, indices, record.machine, began_ns, ended_ns),
+        device_use(host.devices, began_ns, ended_ns, [segment.steps for segment in segments]),
         strict=True,
     )
     ranks = _ranks(record.processes)
     return {
         segment.id: {
-            "processes": _by_name(record, of_segment, ranks),
+            "processes": _by_name(record, of_segment, ranks, total_use),
             "machine": of_segment.get(MACHINE_INDEX),
             "graph": graph,
             "interference": interference,
+            "devices": _by_name(record, devices, ranks, pool_device_use)
+            | ({"": devices[MACHINE_INDEX]} if MACHINE_INDEX in devices else {}),
         }
-        for segment, (of_segment, graph, interference) in zip(segments, columns, strict=True)
+        for segment, (of_segment, graph, interference, devices) in zip(
+            segments, columns, strict=True
+        )
     }
 
 
+_Use = TypeVar("_Use")
+
+
 def _by_name(
-    record: RunRecord, used: Mapping[int, ResourceUse], ranks: Mapping[str, int]
-) -> dict[str, ResourceUse]:
-    named: dict[str, list[ResourceUse]] = {}
+    record: RunRecord,
+    used: Mapping[int, _Use],
+    ranks: Mapping[str, int],
+    total: Callable[[Sequence[_Use]], _Use],
+) -> dict[str, _Use]:
+    named: dict[str, list[_Use]] = {}
     for index, use in used.items():
         if 0 <= index < len(record.processes):
             named.setdefault(record.processes[index].name, []).append(use)
-    return {name: total_use(named[name]) for name in sorted(named, key=ranks.__getitem__)}
+    return {name: total(named[name]) for name in sorted(named, key=ranks.__getitem__)}
 
 
 def _ranks(processes: tuple[ProcessRecord, ...]) -> dict[str, int]:

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse, pool_resource_use
+from r2bspec.judge.measure.host_usage import (
+    DeviceUse,
+    HostInterference,
+    ResourceUse,
+    pool_device_use,
+    pool_resource_use,
+)
 from r2bspec.judge.measure.metric_catalogue import NO_SUBJECTS, Subjects
 from r2bspec.judge.measure.sample_table import MonitorSamples
 from r2bspec.judge.measure.times import Seconds, mean_rate, seconds
@@ -83,6 +89,7 @@ class SegmentSamples:
             the metric, such as ``blur.callback``: the values of single messages, in seconds, in the
             order in which they began. The load has one value.
         summary: what reports show of the same.
+        devices: what GPUs and processor packages did, by the process; of the machine under ``""``.
     """
 
     segment: Segment
@@ -96,6 +103,7 @@ class SegmentSamples:
     graph: ResourceUse | None = None
     hops: Mapping[str, tuple[HopSamples, ...]] = field(default_factory=dict)
     work: Mapping[str, Seconds] = field(default_factory=dict)
+    devices: Mapping[str, DeviceUse] = field(default_factory=dict)
 
     @property
     def live(self) -> bool:
@@ -227,6 +235,11 @@ def pool_segments(samples: Sequence[SegmentSamples]) -> SegmentSamples:
         work={
             name: np.concatenate([one.work[name] for one in samples if name in one.work])
             for name in dict.fromkeys(name for sample in samples for name in sample.work)
+        },
+        devices={
+            name: pool_device_use([one.devices[name] for one in samples])
+            for name in samples[0].devices
+            if all(name in one.devices for one in samples)
         },
     )
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 _TIMES = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
+_POWERS = ((1e3, "kW"), (1.0, "W"), (1e-3, "mW"))
+_ENERGIES = ((1e3, "kJ"), (1.0, "J"), (1e-3, "mJ"), (1e-6, "µJ"))
 _FREQUENCIES = ((1e9, "GHz"), (1e6, "MHz"))
 _SIZES = ((2.0**40, "TiB"), (2.0**30, "GiB"), (2.0**20, "MiB"), (2.0**10, "KiB"))
 
@@ -17,7 +19,7 @@ def show(value: float | None, unit: str, digits: int = 3) -> str:
     Args:
         value: in the catalogue's unit; None is ``-``, and infinity is ``lost`` for a time,
             because it is a message that never arrived.
-        unit: ``s``, ``Hz``, ``share``, ``B``, ``count``, or empty.
+        unit: ``s``, ``Hz``, ``share``, ``B``, ``W``, ``J``, ``count``, or empty.
         digits: significant digits; a rate gets one more, and a count all it has.
     """
     if value is None:
@@ -29,6 +31,10 @@ def show(value: float | None, unit: str, digits: int = 3) -> str:
             return _scaled(value, _TIMES, digits)
         case "B":
             return _scaled(value, _SIZES, digits) if abs(value) >= 2**10 else f"{value:.0f} B"
+        case "W":
+            return _scaled(value, _POWERS, digits)
+        case "J":
+            return _scaled(value, _ENERGIES, digits)
         case "Hz" if abs(value) >= _FREQUENCIES[-1][0]:
             return _scaled(value, _FREQUENCIES, digits)
         case "Hz":
@@ -68,10 +74,12 @@ def show_range(low: float, high: float, unit: str) -> str:
 
 def _scale(unit: str, name: str) -> float:
     """The factor from a number with the unit `name` to `unit`."""
-    factors = {label: factor for factor, label in (*_TIMES, *_SIZES, *_FREQUENCIES)}
+    factors = {
+        label: factor for factor, label in (*_TIMES, *_SIZES, *_POWERS, *_ENERGIES, *_FREQUENCIES)
+    }
     if unit == "share":
         return 0.01
-    return factors.get(name, 1.0) if unit in {"s", "B", "Hz"} else 1.0
+    return factors.get(name, 1.0) if unit in {"s", "B", "W", "J", "Hz"} else 1.0
 
 
 def _scaled(value: float, scales: tuple[tuple[float, str], ...], digits: int) -> str:

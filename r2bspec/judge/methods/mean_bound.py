@@ -20,7 +20,13 @@ from r2bspec.judge.measure.metric import MetricInfo
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.requirement_case import MAX_LOST_SHARE, Decision, RequirementCase, undecided
+from r2bspec.judge.requirement_case import (
+    MAX_LOST_SHARE,
+    Decision,
+    RequirementCase,
+    undecided,
+    unmeasured,
+)
 from r2bspec.judge.statistics.more_pieces import advice, mean_decides, more_pieces
 from r2bspec.judge.statistics.t_interval import HierarchicalInterval, hierarchical_interval
 from r2bspec.judge.verdict import Outcome
@@ -57,13 +63,13 @@ def resolution(info: MetricInfo, typical: float, window_s: float) -> float:
             return 0.0
 
 
-def judge_mean(case: RequirementCase, _: RunRecord) -> Decision:
+def judge_mean(case: RequirementCase, record: RunRecord) -> Decision:
     """Decide a requirement on a mean."""
     values: list[float] = []
     for iteration in case.iterations:
         value = metric_value(case.info, case.monitor, iteration)
         if value is None:
-            return _no_value(case, iteration)
+            return unmeasured(case, record) or _no_value(case, iteration)
         values.append(value)
     if len(values) < 2:
         estimate = values[0] if values else None

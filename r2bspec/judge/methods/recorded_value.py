@@ -33,17 +33,19 @@ from r2bspec.judge.measure.metric_values import metric_value, time_value
 from r2bspec.judge.measure.samples import pool_segments
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods.share_bounds import counted_noun
-from r2bspec.judge.requirement_case import Decision, RequirementCase, undecided
+from r2bspec.judge.requirement_case import Decision, RequirementCase, undecided, unmeasured
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import Outcome
 from r2bspec.record.run_record import RunRecord
 
 
-def judge_observation(case: RequirementCase, _: RunRecord) -> Decision:
+def judge_observation(case: RequirementCase, record: RunRecord) -> Decision:
     """Compare the observed value of all iterations with the limit."""
     seen = observed_value(case)
     if seen is None:
-        return undecided(f"{case.info.name} has no value in these iterations.")
+        return unmeasured(case, record) or undecided(
+            f"{case.info.name} has no value in these iterations."
+        )
     n = _count_messages(case)
     is_met = case.is_met(seen)
     counts = is_met and n > 0 and _bounds_single_messages(case, seen)

@@ -276,6 +276,47 @@ def loads_chart(name: str, run: Run) -> Chart | None:
     return draw(name, "CPU and memory over the run", description, 4.6, paint)
 
 
+def devices_chart(name: str, run: Run) -> Chart | None:
+    """Busy GPUs, and power below them; None if nothing was sampled."""
+    rows = ProcessSamples(run.devices()).rows(MACHINE_INDEX)
+    if rows.size <= 2:
+        return None
+    rows, ends, _ = _grouped(rows)
+    start_ns = int(rows["time_ns"][0])
+    times = (rows["time_ns"][ends] - start_ns) / 1e9
+
+    def paint(sketch: ChartBuilder) -> None:
+        panels = sketch.figure.subplots(2, 1, sharex=True)
+        for number, (field, label, panel, factor) in enumerate(_DEVICE_LINES):
+            growth = _percent(rows[field][ends], times) * factor
+            if np.isfinite(growth).any():
+                middles = (times[1:] + times[:-1]) / 2
+                style: dict[str, Any] = {"color": colour(number), "linestyle": line_style(number)}
+                (line,) = panels[panel].plot(middles, growth, label=label, **style)
+                sketch.series(line, label)
+        _draw_phases(run, panels, start_ns, int(rows["time_ns"].max()))
+        panels[0].set_xlim(left=0)
+        panels[1].set_xlabel("seconds")
+        for axes, label, unit in zip(panels, ("busy, %", "power, W"), ("%", "W"), strict=True):
+            axes.set_ylim(bottom=0)
+            axes.set_ylabel(label)
+            sketch.register_axes(axes, "s", unit)
+        sketch.figure.legend(loc="outside lower center", ncols=5)
+
+    description = "Busy GPUs, where 100 % is one GPU, and power below, over the time of the run."
+    return draw(name, "GPUs and power over the run", description, 4.2, paint)
+
+
+_DEVICE_LINES: Final = (
+    ("busy_s", "GPU", 0, 1.0),
+    ("encoder_s", "encoder", 0, 1.0),
+    ("decoder_s", "decoder", 0, 1.0),
+    ("gpu_j", "power of GPUs", 1, 0.01),
+    ("package_j", "power of processors", 1, 0.01),
+)
+"""Field, label, panel, and factor of the growth in percent of the time."""
+
+
 def _process(
     sketch: ChartBuilder,
     panels: tuple[Axes, Axes],

@@ -21,7 +21,7 @@ from r2bspec.report.document import Chart, Document, Section
 from r2bspec.report.html.chart import PALETTE
 from r2bspec.report.html.graph_drawing import lay_out
 from r2bspec.report.html.latency_charts import has_latencies, messages_chart, percentile_chart
-from r2bspec.report.html.load_charts import load_curve_chart, loads_chart
+from r2bspec.report.html.load_charts import devices_chart, load_curve_chart, loads_chart
 from r2bspec.report.html.waterfall import waterfalls
 from r2bspec.report.result_document import result_document
 from r2bspec.report.result_table import monitor_names
@@ -162,9 +162,11 @@ def _measurement_charts(report_input: ReportInput) -> Iterator[Chart]:
 
 def _load_charts(report_input: ReportInput) -> Iterator[Chart]:
     if report_input.run is not None:
-        chart = loads_chart("loads", report_input.run)
-        if chart is not None:
-            yield chart
+        charts = (
+            loads_chart("loads", report_input.run),
+            devices_chart("devices", report_input.run),
+        )
+        yield from (chart for chart in charts if chart is not None)
 
 
 def _annotations(result: Result, plan: Plan) -> dict[str, list[str]]:
