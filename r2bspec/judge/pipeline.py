@@ -487,7 +487,7 @@ def downgrade_affected_fail(
     if unaffected.outcome == "fail":
         return played.noted(f"{text}. The unaffected part fails, too.")
     # What the whole machine uses is the use of others, too.
-    of_machine = judged.asked.info.scope is Scope.MACHINE
+    of_machine = judged.asked.info.scope in {Scope.MACHINE, Scope.DEVICE}
     if not of_machine and judged.decided_by_part(run.best_case_samples).outcome == "fail":
         return played.noted(
             f"{text}. The faster half of the messages, sped up by that, fails, too."
