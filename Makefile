@@ -11,7 +11,7 @@ comma := ,
 EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision),report
 
 .DEFAULT_GOAL := help
-.PHONY: help demo suite test install install-dev lint types imports unit robustness without-ros coverage ros nightly generated bench clean
+.PHONY: help demo suite test install install-dev lint types imports unit robustness without-ros coverage ros nightly generated docs package bench clean
 
 help:
 	@echo "make demo      install, then run specs/apriltag_node.r2b.yaml on real ROS 2"
@@ -19,6 +19,8 @@ help:
 	@echo "make nightly   the same with every test at its full size"
 	@echo "make suite     run specs/suite and print its table (SMOKE=1: one short iteration of each)"
 	@echo "make generated write schemas, reference tables and expected outputs anew"
+	@echo "make docs      build the site of the documentation in build/site"
+	@echo "make package   build and check wheel and sdist in dist"
 	@echo "make bench     measure the harness, and rewrite the tables of docs/performance.md"
 	@echo "make clean     remove the environment and everything that was generated"
 
@@ -99,6 +101,17 @@ nightly: test
 generated: install-dev
 	PYTHONPATH=tests/support $(BIN)/python tests/support/generated_files.py
 	R2BSPEC_REWRITE=1 $(BIN)/pytest -q tests/golden
+
+# A link that leads nowhere is an error.
+docs: $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[site]'
+	$(BIN)/sphinx-build -q -n -W --keep-going -c site docs build/site
+
+package: $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check build twine
+	rm -rf dist
+	$(BIN)/python -m build
+	$(BIN)/twine check --strict dist/*
 
 # BENCH=--quick prints a short one and writes nothing.
 BENCH ?=

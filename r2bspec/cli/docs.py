@@ -155,7 +155,7 @@ _CODES = "codes"
 @click.option("--schema", type=click.Choice(list(_SCHEMAS)), help="Print a JSON Schema.")
 @click.option("--path", "show_path", is_flag=True, help="Print the path instead of the text.")
 def command(topic: str | None, schema: str | None, show_path: bool) -> int:
-    """Show the documentation of TOPIC; without it, list the pages.
+    """Show the documentation of TOPIC, or the sections with this word; without it, list the pages.
 
     TOPIC is a page, such as running or metrics, a diagnostic code, such as R2B101 or unknown-key,
     a metric, such as latency.p99, or 'codes' for the list of all codes.
@@ -177,9 +177,24 @@ def command(topic: str | None, schema: str | None, show_path: bool) -> int:
     elif metric := explain_metric(topic):
         echo("\n".join(metric), lines=True)
     else:
-        code = _find_code(topic, all_pages())
-        echo("\n".join(_explain_code(code)), lines=True, styled=True)
+        try:
+            lines = list(_explain_code(_find_code(topic, all_pages())))
+        except UsageError:
+            if not (lines := list(_sections_with(topic))):
+                raise
+        echo("\n".join(lines), lines=True, styled=True)
     return ExitStatus.OK
+
+
+def _sections_with(word: str) -> Iterator[str]:
+    """Yield page and heading of each section that has a word."""
+    for name, file in doc_pages().items():
+        heading, last = "", ""
+        for line in file.read_text(encoding="utf-8").splitlines():
+            heading = line.lstrip("# ") if line.startswith("#") else heading
+            if word.lower() in line.lower() and heading != last:
+                last = heading
+                yield f"{name}: {heading}"
 
 
 def doc_pages() -> dict[str, Path]:

@@ -324,7 +324,9 @@ def markdown_page() -> str:
     for metric in DECLARED:
         if metric.required:
             formula = metric.formula.replace("; ", ";\n    ")
-            block = [f"## {metric.name}\n", f"{textwrap.fill(metric.text, 100)}\n"]
+            # What is in angle brackets would be taken for HTML.
+            name = f"`{metric.name}`" if metric.placeholder else metric.name
+            block = [f"## {name}\n", f"{textwrap.fill(metric.text, 100)}\n"]
             block += [f"    {formula}\n", textwrap.fill(_names_and_unit(metric), 100)]
             blocks.append("\n".join(block) + "\n")
     return "\n".join(blocks)

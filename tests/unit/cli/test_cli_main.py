@@ -226,6 +226,9 @@ def test_every_page_of_the_documentation_is_listed_and_printed(call: Call) -> No
     assert call("docs", "proofs/verdicts", status=0).out.startswith("# Proofs of the verdicts")
     assert Path(call("docs", "running", "--path", status=0).out.strip()).is_file()
     assert "did you mean running?" in call("docs", "runing", status=2).err
+    assert (
+        "verdicts: Which test decides which requirement\n" in call("docs", "Binomial", status=0).out
+    )
 
 
 def test_a_terminal_that_is_closed_is_an_interruption() -> None:
