@@ -20,7 +20,7 @@ import msgspec
 from r2bspec.language.spec import QoS
 from r2bspec.plan.wiring import python_files
 from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
-from r2bspec.plan.wiring.python_source import SourceNames, own_nodes
+from r2bspec.plan.wiring.python_source import SourceNames, own_nodes, returned_value
 from r2bspec.plan.wiring.source_qos import read_profile
 from r2bspec.safe_io.limits import MAX_BASE_CLASSES
 
@@ -180,7 +180,7 @@ class _Reading:
     def add_class(self, found: _Class) -> None:
         """Take the text of a class into account."""
         assert isinstance(found.node, ast.ClassDef)  # noqa: S101 - `_class_and_bases` gives no other
-        base, names = _base_name(found), found.file.names
+        base = _base_name(found)
         self._lifecycle = self._lifecycle or base in _LIFECYCLE_NODES
         if base not in _NODES | _LIFECYCLE_NODES and not _has_read_base(found):
             bases = ", ".join(map(ast.unparse, found.node.bases)) or "nothing"
@@ -196,11 +196,14 @@ class _Reading:
             for method in found.node.body
             if isinstance(method, ast.FunctionDef) and method.name not in self._methods
         }
+        attributes |= {
+            f"self.{name}()": returned_value(method) for name, method in self._methods.items()
+        }
         for method in found.node.body:
             values = {**attributes, **_single_values(method)}
             for node in ast.walk(method):
                 if isinstance(node, ast.Call):
-                    self._add_call(node, names, values, method)
+                    self._add_call(node, found.file, values, method)
 
     def _doubt(self, side: _Side, why: str) -> None:
         self._more[side] = self._more[side] or why
@@ -213,15 +216,15 @@ class _Reading:
     def _add_call(
         self,
         call: ast.Call,
-        names: SourceNames,
+        file: python_files.SourceFile,
         values: Mapping[str, ast.expr | None],
         scope: ast.AST,
     ) -> None:
-        method = _method_of_self(call)
+        method, names = _method_of_self(call), file.names
         if method in _PUBLISHER_METHODS:
-            self._add_topic("publishes", call, names, values, scope)
+            self._add_topic("publishes", call, file, values, scope)
         elif method == "create_subscription":
-            self._add_topic("subscribes", call, names, values, scope)
+            self._add_topic("subscribes", call, file, values, scope)
         elif method == "create_service":
             self._add_service(call, names, values, "srv", first=0)
         elif method in {"declare_parameter", "declare_parameters"}:
@@ -229,18 +232,19 @@ class _Reading:
         elif method == "__init__":
             self._add_base_constructor(call)
         elif not method and _passes_node(call):
-            self._add_helper(call, names, values, scope)
+            self._add_helper(call, file, values, scope)
 
     def _add_topic(
         self,
         side: _Side,
         call: ast.Call,
-        names: SourceNames,
+        file: python_files.SourceFile,
         values: Mapping[str, ast.expr | None],
         scope: ast.AST,
         first: int = 0,
     ) -> None:
         """Take a publisher or a subscription into account, whose type is the argument `first`."""
+        names = file.names
         topic = _text(_argument(call, first + 1, "topic"), names, values)
         if topic is None:
             what = "publisher" if side == "publishes" else "subscription"
@@ -250,7 +254,7 @@ class _Reading:
         if self._topics[side].setdefault(topic, written) != written:
             self._topics[side][topic] = ""
         given = _argument(call, first + (2 if side == "publishes" else 3), "qos_profile")
-        qos = read_profile(given, names, values, scope)
+        qos = read_profile(given, file, values, scope)
         is_overridden = any(keyword.arg == "qos_overriding_options" for keyword in call.keywords)
         if qos is not None and not is_overridden:
             self._qos[topic] = qos
@@ -262,11 +266,12 @@ class _Reading:
     def _add_helper(
         self,
         call: ast.Call,
-        names: SourceNames,
+        file: python_files.SourceFile,
         values: Mapping[str, ast.expr | None],
         scope: ast.AST,
     ) -> None:
         """Take the topics into account that a class of another package makes for the node."""
+        names = file.names
         package, _, inside = names.full_name(call.func).partition(".")
         helper = _HELPERS.get(f"{package}.{inside.rpartition('.')[2]}")
         if helper is None:
@@ -275,7 +280,7 @@ class _Reading:
         self._topics["publishes"].update(helper.publishes)
         self._topics["subscribes"].update(helper.subscribes)
         if helper.makes_subscription:
-            self._add_topic("subscribes", call, names, values, scope, first=1)
+            self._add_topic("subscribes", call, file, values, scope, first=1)
         if helper.names_action:
             self._add_service(call, names, values, "action", first=1, answers=helper.answers)
 

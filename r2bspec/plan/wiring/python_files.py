@@ -141,13 +141,33 @@ def find_definition(file: SourceFile, name: str) -> Definition | None:
         found = file.names.definition(name)
         if found is not None:
             return Definition(file, found)
-        origin = file.names.imported_from(name)
-        path = None if origin is None or file.path is None else _module_file(file.path, *origin[:2])
-        tree = None if path is None else file.read(path)
-        if origin is None or tree is None:
+        imported = _imported(file, name)
+        if imported is None:
             return None
-        file, name = source_file(tree, path, file.read), origin[2]
+        file, name = imported
     return None
+
+
+def find_constant(file: SourceFile, name: str) -> tuple[SourceFile, ast.expr] | None:
+    """The value of a variable at the top level of a file, also if the file imports it."""
+    for _ in range(MAX_BASE_CLASSES):
+        if (value := file.names.constant(name)) is not None:
+            return file, value
+        imported = _imported(file, name)
+        if imported is None:
+            return None
+        file, name = imported
+    return None
+
+
+def _imported(file: SourceFile, name: str) -> tuple[SourceFile, str] | None:
+    """The file from which a name is imported, and its name there."""
+    origin = file.names.imported_from(name)
+    path = None if origin is None or file.path is None else _module_file(file.path, *origin[:2])
+    tree = None if path is None else file.read(path)
+    if origin is None or tree is None:
+        return None
+    return source_file(tree, path, file.read), origin[2]
 
 
 def _module_file(importing: Path, level: int, module: str) -> Path | None:

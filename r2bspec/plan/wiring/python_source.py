@@ -216,6 +216,15 @@ def own_nodes(statements: Iterable[ast.AST]) -> Iterator[ast.AST]:
             waiting.extend(ast.iter_child_nodes(node))
 
 
+def returned_value(definition: ast.stmt) -> ast.expr | None:
+    """What a function returns; None without a single ``return``."""
+    body = definition.body if isinstance(definition, ast.FunctionDef) else []
+    match [node for node in own_nodes(body) if isinstance(node, ast.Return)]:
+        case [only]:
+            return only.value
+    return None
+
+
 def _is_exit_status(value: ast.expr | None) -> bool:
     return value is None or (isinstance(value, ast.Constant) and not isinstance(value.value, str))
 

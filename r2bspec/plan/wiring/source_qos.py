@@ -1,9 +1,10 @@
 """Reading a quality-of-service profile from Python source, without running it.
 
 A profile is a depth, a preset of rclpy, or ``QoSProfile(...)`` whose arguments are literals and
-names of policies; it is given inline, by a variable that is bound once, or by a constant of the
-file or the class. Statements such as ``profile.durability = ...`` in the same scope count. What is
-written in any other way is not known.
+names of policies; it is given inline, by a variable that is bound once, by a constant of the class,
+of the file or of one of its package, or by what a function or method returns. Statements such as
+``profile.durability = ...`` in the same scope count. What is written in any
+other way is not known.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from typing import Any, Final, get_args, get_type_hints
 
 from r2bspec.language.quantities import Duration
 from r2bspec.language.spec import QoS
-from r2bspec.plan.wiring.python_source import SourceNames
+from r2bspec.plan.wiring.python_files import SourceFile, find_constant, find_definition
+from r2bspec.plan.wiring.python_source import SourceNames, returned_value
 
 _PRESETS: Final = {
     "qos_profile_default": "default",
@@ -42,7 +44,7 @@ _MAX_STEPS: Final = 10
 
 def read_profile(
     given: ast.expr | None,
-    names: SourceNames,
+    file: SourceFile,
     values: Mapping[str, ast.expr | None],
     scope: ast.AST,
 ) -> QoS | None:
@@ -50,19 +52,29 @@ def read_profile(
 
     Args:
         given: the argument.
-        names: of the file.
-        values: the only value of each variable of the method, and of ``self.NAME``.
+        file: with the class.
+        values: the only value of each variable of the method, of ``self.NAME``, and what
+            ``self.NAME()`` returns.
         scope: the method, in which the fields of a profile may be set.
     """
     written = None
     for _ in range(_MAX_STEPS):
+        if given is None or file.names.full_name(given).startswith("rclpy."):
+            break
+        key = ast.unparse(given)
         match given:
-            case ast.Name() | ast.Attribute(value=ast.Name()) if not names.full_name(given):
-                written = written or ast.unparse(given)
-                bound = values[key] if (key := ast.unparse(given)) in values else None
-                given = bound or (names.constant(given.id) if isinstance(given, ast.Name) else None)
+            case ast.Name() | ast.Attribute() | ast.Call() if key in values:
+                given = values[key]
+            case ast.Name(id=name) if (constant := find_constant(file, name)) is not None:
+                (file, given), values = constant, {}
+            case ast.Call(func=ast.Name(id=name), args=[], keywords=[]) if (
+                definition := find_definition(file, name)
+            ) is not None:
+                file, given, values = definition.file, returned_value(definition.node), {}
             case _:
                 break
+        written = written or key
+    names = file.names
     profile = _profile(given, names)
     if profile is None or written is None:
         return profile

@@ -42,6 +42,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, QoSDurabilityPolicy, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import Image, Imu, LaserScan, PointCloud2
 
+from profiles import IMPORTED, make_profile
+
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -51,6 +53,9 @@ class Tested(Node):
         self.output = self.create_publisher(LaserScan, "output", 10)
 """
 _TAIL = """
+    def own_profile(self):
+        return QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+
     def keep(self, message):
         self.kept = message
 
@@ -367,13 +372,24 @@ def test_a_timeline_whose_steps_never_have_all_inputs_is_refused(tmp_path: Path)
             ),
             "self.qos",
         ),
+        ("", "IMPORTED"),
+        ("", "make_profile()"),
+        ("", "self.own_profile()"),
     ],
-    ids=["inline", "constant", "variable", "attribute, changed"],
+    ids=[
+        *("inline", "constant", "variable", "attribute, changed"),
+        *("constant of another file", "function", "method"),
+    ],
 )
 def test_a_profile_in_the_source_is_compared_with_what_is_played(
     tmp_path: Path, before: str, argument: str
 ) -> None:
     record(tmp_path / "bag", series("/scan", SCAN, 40, 10))
+    (tmp_path / "profiles.py").write_text(
+        "from rclpy.qos import DurabilityPolicy, QoSProfile\n"
+        "IMPORTED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)\n"
+        "def make_profile():\n    return IMPORTED\n"
+    )
     first = first_spec(tmp_path, node(("scan", SCAN, "answer", argument), before=before))
     assert first.findings == []
     lines = first.text.splitlines()
