@@ -37,6 +37,7 @@ VERBS = {
     "judge": "Judge a finished run again, optionally by other SLOs.",
     "report": "Write reports of a finished run: HTML, JUnit, Markdown and others.",
     "compare": "Play two specs in pairs, or compare finished runs.",
+    "trend": "Show how metrics of finished runs changed over time, and since which commit.",
     "suggest": "Propose objectives from what a run measured.",
     "tune": "Find the values that meet the objectives at the least cost.",
     "import": "Make specs from scripts of ros2_benchmark and launch files.",

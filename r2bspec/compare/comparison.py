@@ -174,8 +174,12 @@ def read_compared_result(path: Path) -> ComparedResult:
         metrics = summarise(with_refuted_peak(samples))
         side = _compared(str(path), run.plan.name, run.record, metrics)
         return replace(side, plan=run.plan, run=run, samples=samples)
-    result = read_result(path)
-    return _compared(str(path), result.name, result, result.metrics)
+    return compared_result(str(path), read_result(path))
+
+
+def compared_result(source: str, result: Result) -> ComparedResult:
+    """Return a result as a side of a comparison."""
+    return _compared(source, result.name, result, result.metrics)
 
 
 def _compared(
@@ -238,6 +242,9 @@ def _of_processes(rate: RateMetrics, graph: set[str]) -> Iterator[_Values]:
         uses[WHOLE_GRAPH] = [iteration.graph for iteration in rate.iterations]
     for process, used in uses.items():
         yield "", f"cpu.{process}.mean", "share", [use.cpu_mean if use else None for use in used]
+        work = [use.work.p50 if use is not None and use.work is not None else None for use in used]
+        if any(value is not None for value in work):
+            yield "", f"work.{process}.p50", "s", work
 
 
 def _of_devices(rate: RateMetrics) -> Iterator[_Values]:
@@ -417,8 +424,8 @@ def _line(key: SeriesKey, base: MetricSeries, head: MetricSeries, margin: float)
         monitor=monitor,
         metric=metric,
         unit=base.unit,
-        base=_mean(base),
-        head=_mean(head),
+        base=mean_value(base),
+        head=mean_value(head),
         ratio=ratio,
         lower=lower,
         upper=upper,
@@ -437,7 +444,8 @@ def _delivered_share(series: MetricSeries) -> MetricSeries:
     return MetricSeries(values, series.unit, starts=series.starts)
 
 
-def _mean(series: MetricSeries) -> float | None:
+def mean_value(series: MetricSeries) -> float | None:
+    """Return the mean over the iterations; None where one has no value."""
     values = [value for value in series.values if value is not None]
     return sum(values) / len(values) if len(values) == len(series.values) and values else None
 

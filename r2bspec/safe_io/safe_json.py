@@ -26,12 +26,13 @@ def check_values(value: Any, free: frozenset[str] = frozenset()) -> None:
     Raises:
         ValueError: one is; the message has the way to it.
     """
-    waiting: list[tuple[str, Any]] = [("$", value)]
+    # A place is the one around it and a name: most are never written.
+    waiting: list[tuple[Any, Any]] = [("$", value)]
     while waiting:
         place, given_value = waiting.pop()
         if isinstance(given_value, str) and len(given_value) > limits.MAX_TEXT_CHARACTERS:
             raise ValueError(
-                f"a text has more than {limits.MAX_TEXT_CHARACTERS:,} characters at {place}"
+                f"a text has more than {limits.MAX_TEXT_CHARACTERS:,} characters at {_path(place)}"
             )
         if isinstance(given_value, bool | str | bytes) or given_value is None:
             continue
@@ -40,17 +41,24 @@ def check_values(value: Any, free: frozenset[str] = frozenset()) -> None:
             if (
                 not -limit <= given_value <= limit and given_value == given_value
             ):  # NaN is a number of its own
-                raise ValueError(f"a number is out of range at {place}")
+                raise ValueError(f"a number is out of range at {_path(place)}")
         elif isinstance(given_value, msgspec.Struct):
             waiting += [
-                (f"{place}.{name}", getattr(given_value, name))
+                ((place, f".{name}"), getattr(given_value, name))
                 for name in given_value.__struct_fields__
                 if name not in free
             ]
         elif isinstance(given_value, dict):
-            waiting += [(f"{place}[...]", item) for pair in given_value.items() for item in pair]
+            waiting += [((place, "[...]"), item) for pair in given_value.items() for item in pair]
         elif isinstance(given_value, list | tuple):
-            waiting += [(f"{place}[{number}]", one) for number, one in enumerate(given_value)]
+            waiting += [((place, number), one) for number, one in enumerate(given_value)]
+
+
+def _path(place: Any) -> str:
+    if isinstance(place, str):
+        return place
+    around, name = place
+    return f"{_path(around)}{f'[{name}]' if isinstance(name, int) else name}"
 
 
 T = TypeVar("T")

@@ -68,11 +68,11 @@ def show_range(low: float, high: float, unit: str) -> str:
     """Write a range with its unit once, that of the larger end: ``11.2–12.9 ms``."""
     text = show(high, unit)
     number, _, name = text.partition(" ")
-    shown = significant(low / _scale(unit, name), 4 if name == "Hz" else 3)
+    shown = significant(low / unit_scale(unit, name), 4 if name == "Hz" else 3)
     return f"{shown}–{text}" if shown != number else text
 
 
-def _scale(unit: str, name: str) -> float:
+def unit_scale(unit: str, name: str) -> float:
     """The factor from a number with the unit `name` to `unit`."""
     factors = {
         label: factor for factor, label in (*_TIMES, *_SIZES, *_POWERS, *_ENERGIES, *_FREQUENCIES)

@@ -49,7 +49,7 @@ def render(report_input: ReportInput) -> bytes:
         "Anatomy": tuple(waterfalls(report_input.result)),
     }
     document = result_document(report_input, whole=True, charts=charts)
-    return to_page(document, _own_text("script.js"))
+    return to_page(document, own_text("script.js"))
 
 
 def to_page(document: Document, script: str = "") -> bytes:
@@ -102,7 +102,7 @@ def _environment() -> Environment:
     from markupsafe import Markup
 
     environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_own_text),
+        loader=jinja2.FunctionLoader(own_text),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -122,10 +122,10 @@ def _style(extra: str = "") -> str:
     colours = "".join(
         f".f-{name}{{fill:var(--{name})}}.k-{name}{{stroke:var(--{name})}}\n" for name in PALETTE
     )
-    return _own_text("style.css") + extra + colours
+    return own_text("style.css") + extra + colours
 
 
-def _own_text(name: str) -> str:
+def own_text(name: str) -> str:
     """Return a file in the folder of this module."""
     return importlib.resources.files(__package__).joinpath(name).read_text("utf-8")
 

@@ -7,9 +7,13 @@
   tip.setAttribute("aria-hidden", "true");
   document.body.append(tip);
 
+  // Of a page of histories: the results of each, in the order of time.
+  const names = [];
+
   const number = (value) => Number(value.toPrecision(3)).toLocaleString("en");
   const said = (value, unit) => {
     if (unit === "percentile") return `${Number(((1 - 1 / value) * 100).toFixed(3))} % at or below`;
+    if (unit.startsWith("result ")) return names[unit.slice(7)][Math.round(value)];
     if (unit === "message") return `message ${Math.round(value)}`;
     return `${number(value)} ${unit}`;
   };
