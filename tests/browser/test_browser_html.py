@@ -13,9 +13,12 @@ import pytest
 from chromium import Chromium, Page, needs_chromium
 from chromium import browser as browser
 
+from histories import commit, noisy, some_result, write_history
+from r2bspec.compare.history import read_histories
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.report.html.page import render
+from r2bspec.report.trend_document import render as render_trend
 from report_runs import HOSTILE_RUN, USUAL
 
 pytestmark = needs_chromium
@@ -156,21 +159,43 @@ def test_hostile_words_run_nothing(browser: Chromium, server: Server) -> None:
         assert "<script>alert(1)</script>" in page.evaluate("document.body.innerText")
 
 
+@pytest.mark.parametrize("width", [390, 1280])
+def test_pointing_at_a_value_of_a_history_says_its_commit(
+    browser: Chromium, server: Server, folder: Path, tmp_path: Path, width: int
+) -> None:
+    write_history(tmp_path / "results", some_result(tmp_path / "run"), noisy(40, {25: 1.12}))
+    histories, left_out = read_histories([tmp_path / "results"])
+    (folder / "trend.html").write_bytes(render_trend("html", histories, left_out))
+    with browser.page(address(server, "trend"), width=width) as page:
+        assert page.console() == []
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        assert page.evaluate("document.querySelector('svg.chart').textContent").count("since") >= 1
+        point_at_the_middle(page, place=1 / 16)
+        told = page.evaluate("document.querySelector('.tip').textContent")
+        assert any(f": {commit(number)[:7]}, 2026-01-01T" in told for number in range(8))
+
+
+def point_at_the_middle(page: Page, place: float = 1 / 4) -> None:
+    """Point at a value of the first line, a fourth of its numbers being the middle of it."""
+    x, y = page.evaluate(
+        """((place) => {
+          const svg = document.querySelector("svg.chart");
+          svg.scrollIntoView({behavior: "instant"});
+          const path = svg.querySelector("g[data-label] > path");
+          const numbers = path.getAttribute("d").match(/-?[\\d.]+/g).map(Number);
+          const middle = Math.floor(numbers.length * place) * 2;
+          const on = new DOMPoint(numbers[middle], numbers[middle + 1])
+            .matrixTransform(svg.getScreenCTM());
+          return [on.x, on.y];
+        })"""
+        f"({place})"
+    )
+    page.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+
+
 def test_pointing_at_a_line_says_its_values(browser: Chromium, server: Server) -> None:
     with browser.page(address(server)) as page:
-        x, y = page.evaluate(
-            """(() => {
-              const svg = document.querySelector("svg.chart");
-              svg.scrollIntoView({behavior: "instant"});
-              const path = svg.querySelector("g[data-label] > path");
-              const numbers = path.getAttribute("d").match(/-?[\\d.]+/g).map(Number);
-              const middle = Math.floor(numbers.length / 4) * 2;
-              const on = new DOMPoint(numbers[middle], numbers[middle + 1])
-                .matrixTransform(svg.getScreenCTM());
-              return [on.x, on.y];
-            })()"""
-        )
-        page.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+        point_at_the_middle(page)
         assert page.evaluate("document.querySelector('.tip').hidden") is False
         told = page.evaluate("document.querySelector('.tip').textContent")
         assert told.startswith("10 Hz: ")
