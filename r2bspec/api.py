@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 from r2bspec.diagnostics.quote import pluralize
-from r2bspec.errors import ExitStatus, R2bspecError
+from r2bspec.errors import OUTPUT_FOLLOWS, ExitStatus, R2bspecError, split_output
 from r2bspec.language.selected_spec import SelectionValues, select
 from r2bspec.language.selected_spec import SpecSelection as SpecSelection
 from r2bspec.plan.prepared_benchmark import SPEC_BESIDE_PLAN
@@ -35,15 +35,13 @@ if TYPE_CHECKING:
 
 
 class GraphMismatchError(R2bspecError):
-    """The running graph differs from the spec: a permanent error, not worth retrying.
+    """A run has failed by what has a place in the spec: the graph differs, or a process has ended.
 
     Attributes:
         diagnostics: the differences, at their places in the spec, sorted by place.
         loaded: the document, with the texts that the diagnostics refer to.
         details: what there is to say apart from the diagnostics; may be empty.
     """
-
-    exit_code = ExitStatus.USAGE
 
     def __init__(
         self,
@@ -53,6 +51,7 @@ class GraphMismatchError(R2bspecError):
         details: str = "",
     ) -> None:
         super().__init__(str(error), hint=error.hint, code=error.code)
+        self.exit_code = error.exit_code
         self.loaded = loaded
         self.details = details
         self.diagnostics = tuple(diagnostics)
@@ -276,9 +275,10 @@ def queued_host(
 def _run_in_folder(
     folder: RunFolder, prepared: PreparedBenchmark, progress: Progress, options: RunOptions
 ) -> Result:
-    from r2bspec.check.rule import differences_to_diagnostics
+    from r2bspec.check.rule import differences_to_diagnostics, failure_to_diagnostics
     from r2bspec.execute.controller import run_plan
     from r2bspec.execute.errors import GraphDifferencesError as Differs
+    from r2bspec.execute.errors import RunError
 
     try:
         run_plan(
@@ -299,6 +299,12 @@ def _run_in_folder(
         if isinstance(error, Differs) and loaded is not None:
             mismatches = differences_to_diagnostics(error.differences, loaded)
             raise GraphMismatchError(error, loaded, mismatches, error.details) from error
+        if isinstance(error, RunError) and error.blamed and loaded is not None:
+            text, output = split_output(str(error))
+            at = failure_to_diagnostics(text, error.code, error.hint, error.blamed, loaded)
+            if at:
+                output = output and f"{OUTPUT_FOLLOWS}{output}"
+                raise GraphMismatchError(error, loaded, at, output) from error
         raise
     return _write_result(folder)
 

@@ -309,6 +309,31 @@ def differences_to_diagnostics(
     return tuple(sorted(diagnostics, key=lambda diagnostic: diagnostic.sort_key))
 
 
+def failure_to_diagnostics(
+    message: str, code: str, hint: str, blamed: str, loaded: LoadedSpec
+) -> tuple[Diagnostic, ...]:
+    """The diagnostic of a run that has failed, at the node or container that it blames, if any.
+
+    Args:
+        message: of the failure, without the output of a process.
+        code: likewise.
+        hint: what to do about it.
+        blamed: a process of the plan, or the full name of a node.
+        loaded: the document of the plan.
+    """
+    if loaded.spec is None:
+        return ()
+    context = Context(loaded, loaded.spec, offline=True)
+    paths = [node.path for _, node in context.nodes if blamed in {node.name, node.key}]
+    paths += [("containers", name) for name in loaded.spec.containers if name == blamed]
+    return tuple(
+        to_diagnostic(
+            Finding(message=message, path=path, key=True, help=hint), code, Severity.ERROR, loaded
+        )
+        for path in paths[:1]
+    )
+
+
 def _path(difference: Difference, context: Context) -> tuple[Path, bool]:
     """The path of a difference, and whether it is about the key there."""
     node = next((node for _, node in context.nodes if node.name == difference.owner), None)

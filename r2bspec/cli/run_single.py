@@ -122,7 +122,9 @@ def execute(
     except BaseException as error:
         if isinstance(error, api.GraphMismatchError):
             show_findings(error.diagnostics, error.loaded)
-            error.remainder = error.details
+            # It follows findings, and not the sentence that it was the end of.
+            details = error.details.removeprefix("; ")
+            error.remainder = f"{details[:1].upper()}{details[1:]}"
         # A folder that was refused has the files of another run.
         if not isinstance(error, FolderTakenError) and folder.exists():
             error.add_note(folder_line(folder))

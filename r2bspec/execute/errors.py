@@ -18,6 +18,9 @@ class RunError(R2bspecError):
     """The run failed; its measurements are kept.
 
     It can be repeated, unless its code says that another attempt would end in the same way.
+
+    Attributes:
+        blamed: the process of the plan, or the full name of the node, that it is about; else empty.
     """
 
     code = "R2B630"
@@ -26,8 +29,11 @@ class RunError(R2bspecError):
     status: ClassVar[Literal["incomplete", "invalid"]] = "incomplete"
     """That of the record of the run."""
 
-    def __init__(self, message: str, *, hint: str = "", code: str | None = None) -> None:
+    def __init__(
+        self, message: str, *, hint: str = "", code: str | None = None, blamed: str = ""
+    ) -> None:
         super().__init__(message, hint=hint, code=code)
+        self.blamed = blamed
         if self.code in _CERTAIN_CODES:
             self.exit_code = ExitStatus.USAGE
 
@@ -73,13 +79,15 @@ class ProcessDiedError(RunError):
     def __init__(
         self, message: str, *, hint: str = "", process: str = "", output: str = ""
     ) -> None:
-        super().__init__(message, hint=hint)
+        super().__init__(message, hint=hint, blamed=process)
         self.process = process
         self.output = output
 
-    def while_doing(self, what: str) -> ProcessDiedError:
-        """The same, with what it was doing."""
-        return ProcessDiedError(f"{what}: {self}", hint=self.hint)
+    def while_doing(self, what: str, node: str) -> ProcessDiedError:
+        """The same, with what it was doing for which node."""
+        error = ProcessDiedError(f"{what}: {self}", hint=self.hint)
+        error.blamed = node
+        return error
 
 
 class ProcessFailedError(RunError):

@@ -46,6 +46,9 @@ _MAX_HELLO: Final = 1024
 
 _ANSWER_TIMEOUT_S: Final = 20.0
 _POLL_S: Final = 0.005
+_SETTLED_S: Final = 1.0
+"""For how long nothing of a process does anything before all of its programs have started."""
+
 _PEER: Final = struct.Struct("3i")
 """Process, user and group, as in ``struct ucred``."""
 
@@ -183,6 +186,8 @@ class GraphJoins:
             ]:
                 self._asking.remove((hello, connection))
                 if is_target_process(hello, program):
+                    if not program:
+                        self._require_one_program(child, hello)
                     return hello, connection
                 seen.append(" ".join(hello.arguments[:3]))
                 connection.close()
@@ -199,6 +204,38 @@ class GraphJoins:
             f"none of its programs {'named ' + program if program else ''}has "
             f"initialised ROS with what was preloaded{others}".replace("  ", " "),
         )
+
+    def _require_one_program(self, child: ManagedProcess, first: Hello) -> None:
+        """Check that no other program of a process asks, too, while the first one waits.
+
+        Where the inputs are read is not known before they have gone on, which is too late.
+
+        Raises:
+            NotJoinableError: one does.
+            RunError: the process has exited.
+        """
+        idle = IdleTime(lambda: family(child.pid))
+        deadline = time.monotonic() + _ANSWER_TIMEOUT_S
+        while {*family(child.pid)} - {first.pid} and time.monotonic() < deadline:
+            self.poll()
+            others = [
+                hello
+                for hello, _ in self._asking
+                if hello.process == child.name and is_target_process(hello, "")
+            ]
+            if others:
+                names = sorted({program_name(hello) for hello in (first, *others)})
+                raise not_joinable(
+                    child.name,
+                    f"it starts several programs that use ROS: {', '.join(names)}, and more may "
+                    "follow",
+                    "Name the program that reads the inputs, and publishes the topics of monitors, "
+                    f"with 'in: {child.name}/{names[0]}', for example; or start the programs as "
+                    "nodes of their own, or write 'harness: {placement: separate}'.",
+                )
+            if idle.update() > _SETTLED_S:
+                break
+            self._supervisor.pump(_POLL_S)
 
     def _start(
         self, connection: socket.socket, child: ManagedProcess, parts: Iterable[str]
@@ -237,11 +274,13 @@ class GraphJoins:
             raise not_joinable(child.name, reply.message)
 
 
-def not_joinable(name: str, reason: str) -> NotJoinableError:
+def not_joinable(name: str, reason: str, hint: str = "") -> NotJoinableError:
     """Return the error for a process that the harness cannot join, with the ways out."""
     return NotJoinableError(
         f"player and monitors cannot join process {name}: {reason}",
-        hint="A program that is linked statically, runs as another user (setuid) or uses another C "
+        blamed=name,
+        hint=hint
+        or "A program that is linked statically, runs as another user (setuid) or uses another C "
         "library loads nothing. Write 'harness: {placement: separate}', or name another process "
         "with 'in'.",
     )
@@ -271,6 +310,15 @@ def is_target_process(hello: Hello, program: str) -> bool:
     if program:
         return program in names or f"__node:={program}" in hello.arguments
     return not any(wrapper in names for wrapper in _WRAPPERS)
+
+
+def program_name(hello: Hello) -> str:
+    """The name by which `is_target_process` finds a program: its node's, or its own."""
+    for word in hello.arguments:
+        if word.startswith("__node:="):
+            return word.removeprefix("__node:=")
+    runs_script = "python" in Path(hello.executable).name and len(hello.arguments) > 1
+    return Path(hello.arguments[1] if runs_script else hello.executable).name
 
 
 def _hello(connection: socket.socket) -> Hello | None:
@@ -405,9 +453,11 @@ def overhead_processes(processes: Iterable[ProcessPlan]) -> tuple[ProcessPlan, .
     """Processes of the harness alone, in which its overhead is measured before the graph starts.
 
     It is one if one process of the graph has all parts, else two: messages pass from player to
-    monitor as they will pass to and from the nodes.
+    monitor as they will pass to and from the nodes. Of a process with several programs, one has
+    the parts, and another may be at the other end of the graph.
     """
-    is_one = sum(process.join is not None for process in processes) == 1
+    joins = [process.join for process in processes if process.join is not None]
+    is_one = len(joins) == 1 and not joins[0].program
     roles: tuple[HarnessRole, ...] = ("harness",) if is_one else _PARTS
     return tuple(
         ProcessPlan(name=role, role=role, phase="measure", argv=NATIVE_ARGV, env={})

@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 
 from r2bspec.execute.bringup.node_faults import (
+    NOT_LOADED,
     not_loaded,
     require_declared_parameters,
     unmatched_remappings,
     unused_executor,
 )
 from r2bspec.execute.bringup.readiness import StartDeadline
-from r2bspec.execute.errors import ProcessDiedError, StepFailedError
+from r2bspec.execute.errors import ProcessDiedError, ProcessFailedError, StepFailedError
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.process import describe_exit, shorten_slice
@@ -380,10 +381,23 @@ class Launcher:
                 )
         except ProcessDiedError as died:
             doing = f"while {node.name} ({node.plugin}) was loaded"
-            raise died.while_doing(doing) from died
+            raise died.while_doing(doing, node.name) from died
+        except ProcessFailedError as failed:
+            # Its constructor may hang: the container says in which one, and does not answer.
+            if failed.code != NOT_LOADED:
+                raise
+            raise ProcessFailedError(
+                f"{failed}{self._running(plan).last_output()}",
+                hint=failed.hint,
+                code=NOT_LOADED,
+                blamed=node.name,
+            ) from failed
         if not answer.loaded:
-            container = next(each for each in self._supervisor if each.name == plan.name)
+            container = self._running(plan)
             raise not_loaded(node, plan.name, answer.reason, container.last_output())
+
+    def _running(self, plan: ProcessPlan) -> ManagedProcess:
+        return next(each for each in self._supervisor if each.name == plan.name)
 
     def _start_helper(self, name: str, role: str) -> ManagedProcess:
         """Start a harness process that is not in the plan; it then waits for its role."""

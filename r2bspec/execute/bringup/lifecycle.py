@@ -155,7 +155,7 @@ class LifecycleNodes:
                     command, protocol.StateChanged, timeout_s + REPLY_TIMEOUT_S
                 )
         except ProcessDiedError as died:
-            raise died.while_doing(f"{name} could not {transition}") from died
+            raise died.while_doing(f"{name} could not {transition}", name) from died
         # A node may activate itself meanwhile, and refuse what it has done already.
         if changed.result == "success" or changed.state in _STEPS[transition][1]:
             return changed.state
@@ -167,6 +167,7 @@ class LifecycleNodes:
                 hint="Increase benchmark.start_timeout, or find out in its output what it waits "
                 f"for: {child.log}",
                 code=TRANSITION_FAILED,
+                blamed=name,
             )
         # A Python process says what the callback has raised.
         begin = protocol.callback_failure(name, callback)

@@ -12,10 +12,12 @@ with a misspelt one runs, with another value.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Literal
 
 import msgspec
@@ -232,6 +234,9 @@ def _error(
 _PARAMETER_UNKNOWN = "R2B211"
 _REMAPPING_MATCHES_NOTHING = "R2B204"
 _EXECUTOR_OF_PROGRAM = "R2B239"
+_NODES_WITH_ONE_NAME = "R2B245"
+_ONE_NAME = b"Publisher already registered for node name"
+_MAX_LOG_BYTES = 1 << 20
 
 _CALL_NS = 2_000_000_000
 _REPLY_TIMEOUT_S = 20.0
@@ -290,6 +295,30 @@ def undeclared_parameter(node: str, name: str, known: Sequence[str]) -> Differen
         name=name,
         help=f"did you mean '{close}'?" if close else f"its parameters: {', '.join(known)}",
     )
+
+
+def nodes_with_one_name(plan: ProcessPlan, log: Path) -> Iterator[Difference]:
+    """Several nodes of an executable, all of which have the name that its process was given.
+
+    Args:
+        plan: of the process.
+        log: its output, in which rcl says it.
+    """
+    named = [node for node in plan.nodes if plan.role == "command" and has_planned_name(plan, node)]
+    for node in named:
+        with contextlib.suppress(OSError), log.open("rb") as output:
+            if _ONE_NAME in output.read(_MAX_LOG_BYTES):
+                yield Difference(
+                    code=_NODES_WITH_ONE_NAME,
+                    message=f"the executable of {node.name} has several nodes, all of which got "
+                    "this name: what they do, take and publish is not told apart",
+                    part="node",
+                    owner=node.name,
+                    name="",
+                    help="keep the name of each with 'arguments: [--ros-args, -r, "
+                    "NAME:__node:=NAME]', or write 'command' in place of 'executable'",
+                    harmless=True,
+                )
 
 
 def unused_executor(plan: ProcessPlan) -> Iterator[Difference]:

@@ -21,6 +21,7 @@ from r2bspec.execute.bringup.node_faults import (
     RemappedTopic,
     find_undeclared,
     find_unmatched,
+    nodes_with_one_name,
     spins_nodes,
     unmatched_remapping,
 )
@@ -199,6 +200,10 @@ class PhaseGraph:
         for difference in differences:
             self.note(f"{difference.message}; ROS ignores it")
         self.launcher.differences += differences
+        plans = {process.name: process for process in self.plan.processes_in(self.phase)}
+        for child in self.supervisor:
+            if child.name in plans:
+                self.launcher.differences += nodes_with_one_name(plans[child.name], child.log)
         self._check_remappings()
 
     def _check_remappings(self) -> None:

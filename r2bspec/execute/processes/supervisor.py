@@ -259,6 +259,7 @@ class ProcessSupervisor:
                         self._redact(message.hint) or f"Its output is in {child.log}."
                     ),
                     code=message.code,
+                    blamed=child.name,
                 )
 
     def _raise_exit(self, child: ManagedProcess) -> None:
@@ -333,9 +334,11 @@ class ProcessSupervisor:
                 if time.monotonic() > deadline:
                     stated_s = timeout_s if stated_timeout_s is None else stated_timeout_s
                     raise RunError(
-                        f"process {child.name} did not respond within {stated_s:g} s",
+                        f"process {child.name} did not respond within {stated_s:g} s"
+                        f"{child.last_output()}",
                         hint=f"It may be blocked in a callback or a constructor; see {child.log}",
                         code=NO_ANSWER,
+                        blamed=child.name,
                     )
                 self.pump()
 

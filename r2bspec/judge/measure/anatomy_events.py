@@ -7,7 +7,8 @@ does. A *start* is a take or the call of a timer: what a callback begins with.
 
 The callback of a start is, by what its thread runs,
 
-* rclcpp: the callback that says so itself, before the thread's next start or wait;
+* rclcpp: the callback that says so itself, before the thread's next start or wait; of actions and
+  responses, which never say it, the time from the end of the start to the next start or wait;
 * rclpy: from the first guard condition after the start to the last one before the thread's next
   start or wait, because its executor triggers one before and one after each callback;
 * otherwise, for programs on rcl: from the end of the start to the thread's next start or wait.
@@ -57,6 +58,9 @@ _TAKES = (
     AnatomyKind.TAKE_RESPONSE,
     AnatomyKind.DEQUEUE,
 )
+_MAY_BE_SILENT = (AnatomyKind.TAKE, AnatomyKind.TAKE_REQUEST, AnatomyKind.TAKE_RESPONSE)
+"""Of rclcpp: what is taken for actions and clients, whose callbacks it traces nowhere."""
+
 _MAY_LACK_OBJECT = (AnatomyKind.WAIT, AnatomyKind.TRIGGER, AnatomyKind.CALLBACK)
 
 
@@ -214,7 +218,7 @@ def join_events(record: AnatomyRecord, rows: Rows, plan: Plan) -> Events:
     is_take = np.isin(kind, _TAKES) & ~empty
     is_start = is_take | (kind == AnatomyKind.TIMER)
     callback_began, callback_ended, until = _callbacks(
-        kind, thread, began, ended, column["ended_ns"], is_start
+        kind, thread, column["object"], began, ended, column["ended_ns"], is_start
     )
     hangs = _hanging(kind, thread, column["object"], is_start, callback_began, callback_ended)
     callback_began[hangs] = np.where(
@@ -286,7 +290,7 @@ def _previous(mask: Mask, thread: Ints) -> Ints:
 
 
 def _callbacks(
-    kind: Ints, thread: Ints, began: Ints, ended: Ints, said_end: Ints, is_start: Mask
+    kind: Ints, thread: Ints, of: Ints, began: Ints, ended: Ints, said_end: Ints, is_start: Mask
 ) -> tuple[Ints, Ints, Ints]:
     """Begin and end of the callback of each start, and up to when it may publish."""
     size = kind.size
@@ -310,10 +314,11 @@ def _callbacks(
     until = np.where(after == NONE, np.iinfo(np.int64).max, began[after])
     cpp = of_rclcpp[thread[starts]]
     python = ~cpp & of_rclpy[thread[starts]]
-    plain = ~cpp & ~python
 
     callback = _next(is_callback, thread)[starts]
     seen = cpp & (callback != NONE) & (callback < stop)
+    silent = ~np.isin(of[starts], of[starts[seen]]) & np.isin(kind[starts], _MAY_BE_SILENT)
+    plain = ~python & (~cpp | silent)
     callback_began[starts[seen]] = began[callback[seen]]
     whole = seen & (said_end[callback] >= began[callback])
     callback_ended[starts[whole]] = ended[callback[whole]]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.check.rule import differences_to_diagnostics
+from r2bspec.check.rule import differences_to_diagnostics, failure_to_diagnostics
 from r2bspec.diagnostics.diagnostic import Severity
 from r2bspec.language.load_spec import load_spec
 from r2bspec.record.run_record import Difference
@@ -54,6 +54,26 @@ def test_a_difference_is_placed_at_what_makes_it(found: Difference, line: int, w
     assert placed.span.line == line
     text = SPEC.splitlines()[line - 1]
     assert text[placed.span.column - 1 :].startswith(word)
+
+
+@pytest.mark.parametrize(
+    ("blamed", "place"),
+    [
+        ("first", (9, 5)),
+        ("/r2b/second", (15, 5)),
+        ("cpp", (22, 3)),
+        ("harness.player", None),
+    ],
+)
+def test_a_process_that_ends_or_hangs_has_its_place(
+    blamed: str, place: tuple[int, int] | None
+) -> None:
+    text = f"{SPEC.rstrip()}\ncontainers:\n  cpp: {{executable: component_container}}\n"
+    loaded = load_spec(text, file="spec.r2b.yaml", environ={})
+    found = failure_to_diagnostics("it was killed by SIGSEGV", "R2B631", "read", blamed, loaded)
+    assert [(each.code, (each.span.line, each.span.column)) for each in found] == (
+        [("R2B631", place)] if place else []
+    )
 
 
 def test_what_did_no_harm_is_a_warning_and_all_are_sorted_by_place() -> None:

@@ -11,7 +11,7 @@ import pytest
 from ament_packages import install_package
 from plans import node_plan, process_plan
 from r2bspec.execute.bringup.launcher import Launcher
-from r2bspec.execute.bringup.node_faults import not_created, not_loaded
+from r2bspec.execute.bringup.node_faults import nodes_with_one_name, not_created, not_loaded
 from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.errors import GraphDifferencesError, ProcessDiedError
 from r2bspec.language.spec import Container
@@ -147,3 +147,24 @@ def test_a_container_that_ends_is_named_with_what_it_loaded(tmp_path: Path) -> N
         "while /r2b/rectify (camera::Rectify) was loaded: process rectify was killed by SIGABRT"
     )
     assert raised.value.exit_code == 4
+
+
+@pytest.mark.parametrize(
+    ("argv", "said", "codes"),
+    [
+        (
+            ("x", "-r", "__node:=stack"),
+            "[WARN] Publisher already registered for node name: 'stack'",
+            ["R2B245"],
+        ),
+        (("x", "-r", "__node:=stack"), "[INFO] started", []),
+        (("x",), "[WARN] Publisher already registered for node name: 'stack'", []),
+    ],
+)
+def test_nodes_of_an_executable_that_got_one_name_are_told(
+    tmp_path: Path, argv: tuple[str, ...], said: str, codes: list[str]
+) -> None:
+    log = tmp_path / "stack.log"
+    log.write_text(f"{said}\n")
+    found = nodes_with_one_name(process_plan("stack", "command", "stack", argv=argv), log)
+    assert [each.code for each in found] == codes

@@ -231,6 +231,33 @@ def test_acceptance_feedback_and_result_of_an_action_have_a_path_each(role: str)
     }
 
 
+def test_rclcpp_says_no_callback_of_an_action_and_the_node_has_it_nevertheless() -> None:
+    """Its thread has callbacks of timers, and executes each goal as soon as it has accepted it."""
+    script = Script()
+    ends = ends_of_action("player")
+    (asks, serves), (wants, gives) = ends["send_goal"], ends["get_result"]
+    timer = ("timer", "", "/r2b/server")
+    script.add("server", AnatomyKind.TIMER, 0, 1, timer)
+    script.callback("server", 1, 2, of=timer)
+    script.add("server", AnatomyKind.WAIT, 3, 20)
+    script.add("player", AnatomyKind.SEND_REQUEST, 10, 14, asks, source=1, header=7)
+    script.add("server", AnatomyKind.TAKE_REQUEST, 20, 22, serves, source=1, header=7, received=18)
+    script.add("server", AnatomyKind.SEND_RESPONSE, 30, 34, serves, source=1)
+    script.add("server", AnatomyKind.WAIT, 8022, 8040)
+    script.add("player", AnatomyKind.SEND_REQUEST, 40, 44, wants, source=2, header=7)
+    script.add("server", AnatomyKind.TAKE_REQUEST, 8040, 8042, gives, source=2, header=7)
+    script.add("server", AnatomyKind.SEND_RESPONSE, 8050, 8054, gives, source=2)
+    script.add("server", AnatomyKind.WAIT, 8060, 8070)
+    script.add("player", AnatomyKind.TAKE_RESPONSE, 8080, 8082, wants, source=2)
+    found = script.joined(calls_action())
+    server = found.nodes["server"]
+    assert server.callback.seconds.max() == pytest.approx(0.008)
+    assert server.load == pytest.approx(0.008, rel=0.01)
+    (path,) = found.paths["it"]
+    inside = {part.name: part.seconds[0] for part in path.parts if part.owner == "server"}
+    assert inside["callback"] == pytest.approx(0.008)
+
+
 def test_requests_that_were_taken_together_cause_their_own_responses_and_no_feedback() -> None:
     script = Script()
     ends = ends_of_action("player")
