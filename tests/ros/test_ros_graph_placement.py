@@ -121,11 +121,22 @@ sys.exit(subprocess.call(sys.argv[1:]))
 """
 
 
-@only_nightly()
-def test_of_several_nodes_of_a_script_the_one_that_is_named_is_joined(bench: Bench) -> None:
+def two_programs(bench: Bench) -> list[str]:
     script = bench.folder / "two.sh"
     script.write_text(TWO_NODES)
-    command = ["sh", str(script), str(c_node("relay"))]
+    return ["sh", str(script), str(c_node("relay"))]
+
+
+@only_nightly()
+def test_of_several_nodes_of_a_script_none_is_joined_that_is_not_named(bench: Bench) -> None:
+    done = bench.run(relay_spec(harness=GRAPH, graph=c_relay(command=two_programs(bench))))
+    assert_refused(done, "it starts several programs that use ROS: meant, other")
+    assert "in: node/meant" in done.error
+
+
+@only_nightly()
+def test_of_several_nodes_of_a_script_the_one_that_is_named_is_joined(bench: Bench) -> None:
+    command = two_programs(bench)
     monitors = {"out": {"topic": "output", "format": IMAGE, "in": "node/meant"}}
     done = bench.run(
         relay_spec(harness=GRAPH | {"in": "node/meant"}, graph=c_relay(command=command))
