@@ -184,10 +184,11 @@ class GraphJoins:
             for hello, connection in [
                 pair for pair in self._asking if pair[0].process == child.name
             ]:
+                is_target = is_target_process(hello, program)
+                if is_target and not program:
+                    self._require_one_program(child, hello)
                 self._asking.remove((hello, connection))
-                if is_target_process(hello, program):
-                    if not program:
-                        self._require_one_program(child, hello)
+                if is_target:
                     return hello, connection
                 seen.append(" ".join(hello.arguments[:3]))
                 connection.close()
@@ -221,7 +222,9 @@ class GraphJoins:
             others = [
                 hello
                 for hello, _ in self._asking
-                if hello.process == child.name and is_target_process(hello, "")
+                if hello.process == child.name
+                and hello is not first
+                and is_target_process(hello, "")
             ]
             if others:
                 names = sorted({program_name(hello) for hello in (first, *others)})
