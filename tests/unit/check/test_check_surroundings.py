@@ -67,6 +67,16 @@ def test_more_shared_memory_than_there_is(spec_file: str, monkeypatch: pytest.Mo
     assert (found.code, found.certainty) == ("R2B629", Certainty.ENVIRONMENT)
 
 
+@pytest.mark.parametrize(("threads", "warned"), [(2, False), (3, True)])
+def test_a_container_has_no_more_threads_than_the_machine_has_cpus(
+    spec_file: str, monkeypatch: pytest.MonkeyPatch, threads: int, warned: bool
+) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    vision = f"{{vision: {{executable: component_container_mt, threads: {threads}}}}}"
+    codes = {each.code for each in findings(example(containers=vision), file=spec_file)}
+    assert ("R2B244" in codes) is warned
+
+
 def test_a_launch_file_of_a_package_is_looked_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spec_file: str
 ) -> None:
