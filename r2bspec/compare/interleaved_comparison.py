@@ -174,7 +174,7 @@ def why_not_by_turns(base: Plan, head: Plan) -> str:
         single = comparability.single_run_plan(plan)
         if plan.external:
             return "external nodes cannot be up twice"
-        if plan.playback_mode not in {"looping", "sweeping"} or not plan.inputs:
+        if plan.playback_mode not in {"looping", "sweeping"} or plan.arrivals or not plan.inputs:
             return "the load has times of its own"
         if plan.called or single.search or single.sustained_hz or not single.play:
             return "a search, probes or calls are not played step by step"

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from r2bspec.datasets.catalogue import CACHE_KIND
 from r2bspec.doctor.checkup import CheckResult, Status, System, advised, read_int, read_text
+from r2bspec.execute.processes.network import why_not_emulated
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import MessageTransport, Middleware, middleware_of
 from r2bspec.plan.this_machine import cpu_quota
@@ -157,13 +158,14 @@ _IFF_UP = 0x1
 
 
 def check_sockets(system: System) -> list[CheckResult]:
-    """The largest socket buffers that the kernel grants, and whether loopback is up."""
+    """Check the largest socket buffers, loopback, and whether a `network` can be emulated."""
     middleware = middleware_of(system.environ)
     requested = middleware.socket_buffers
     return [
         _buffer(system, middleware.name, "receive", "rmem_max", requested.receive),
         _buffer(system, middleware.name, "send", "wmem_max", requested.send),
         *_loopback(system),
+        _emulation(),
     ]
 
 
@@ -191,6 +193,13 @@ def _loopback(system: System) -> list[CheckResult]:
         return []
     text, advice = "the device lo is down", "discovery runs over it; sudo ip link set lo up"
     return [advised(_NETWORK, "loopback", text, advice, otherwise="problem")]
+
+
+def _emulation() -> CheckResult:
+    # Few specs have a network: that it is missing is no fault of a machine.
+    refusal = why_not_emulated()
+    text = "available" if refusal is None else f"{refusal}. {refusal.hint}"
+    return advised(_NETWORK, "emulation", text, "", {"available": refusal is None})
 
 
 _DATASETS = "datasets"

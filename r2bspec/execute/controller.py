@@ -38,6 +38,7 @@ from r2bspec.execute.measurement.turns import Filled, Partner, play_by_turns
 from r2bspec.execute.processes import environment as run_environment
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.machine import describe_machine, describe_versions, unwritable_log
+from r2bspec.execute.processes.network import NetworkNamespace
 from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.execute.processes.scheduling import require_permitted
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
@@ -205,6 +206,7 @@ class _Run:
         )
         self._context.buffer_dir.mkdir()
         self._domain = 0
+        self._network: NetworkNamespace | None = None
         self._launchers: list[Launcher] = []
         self._early_launcher: Launcher | None = None
         self._starts = StartSequence(plan, self._context, self._launcher)
@@ -278,13 +280,15 @@ class _Run:
         if self._options.anatomy or self._plan.anatomy:
             prerequisites.built(anatomy_object)
         prerequisites.check_middleware(self._plan, os.environ)
+        if self._plan.network:
+            self._network = NetworkNamespace(self._plan.network)
         self._context.resources.start()
 
     def _set_up(self) -> None:
         plan, context = self._plan, self._context
         if plan.setup:
             self._states.enter(RunState.SETUP, "running the setup steps")
-            launcher = self._new_launcher()
+            launcher = self._new_launcher("setup")
             for step in plan.setup:
                 launcher.run_setup_step(step, context.note)
         # What is built by a setup step is a part of the graph.
@@ -340,7 +344,7 @@ class _Run:
             self._plan.harness.placement == "graph" or self._plan.anatomy
         ):
             return
-        self._early_launcher = self._new_launcher()
+        self._early_launcher = self._new_launcher(phase)
         self._early_launcher.start_early(
             self._plan.processes_in(phase),
             message_packages(self._plan),
@@ -351,7 +355,7 @@ class _Run:
         if "preprocess" not in self._plan.phases:
             return
         self._states.enter(RunState.PREPROCESS, "running the preprocessors")
-        preprocess(self._plan, self._context, self._launcher())
+        preprocess(self._plan, self._context, self._launcher("preprocess"))
 
     def _measure(self) -> None:
         """Measure in the starts of the plan and, if the run fails, in as many that confirm it."""
@@ -401,6 +405,8 @@ class _Run:
         """End all processes that still run, and write the samples and the record."""
         context = self._context
         killed = context.supervisor.close()
+        if self._network is not None:
+            self._network.close()
         if killed:
             context.note(f"killed, because they did not exit: {', '.join(sorted(set(killed)))}")
         if context.supervisor.lost_watchdog:
@@ -460,18 +466,18 @@ class _Run:
                 "this run, which are on the monotonic clock"
             )
 
-    def _launcher(self) -> Launcher:
+    def _launcher(self, phase: str = MEASURE_PHASE) -> Launcher:
         """A launcher whose transport is sized for the largest buffered message.
 
         Preprocessors may publish larger messages than those in the bag, so each phase has its own.
         """
-        launcher = self._new_launcher()
+        launcher = self._new_launcher(phase)
         if self._early_launcher is not None:
             launcher.adopt_early(self._early_launcher)
         self._launchers.append(launcher)
         return launcher
 
-    def _new_launcher(self) -> Launcher:
+    def _new_launcher(self, phase: str) -> Launcher:
         context = self._context
         environment = run_environment.RunEnvironment(
             self._plan,
@@ -483,7 +489,9 @@ class _Run:
             ),
             ros_logs=context.folder.ros_logs,
         )
-        return Launcher(context.supervisor, environment, context.folder, context.base_dir)
+        is_measured = phase == MEASURE_PHASE
+        network = self._network.prefix if self._network is not None and is_measured else ()
+        return Launcher(context.supervisor, environment, context.folder, context.base_dir, network)
 
     def _judge_so_far(self, failed: Verdict | None) -> Verdict:
         """Judge the run as if it ended now; given a failure, only what confirms it."""

@@ -316,12 +316,14 @@ class _FollowedSteps:
 
     Args:
         rows: as in `r2bspec.ipc.playback_file.PlaybackReader`.
+        has_period: whether steps come at equal intervals: else the next one may come at once.
 
     Attributes:
         latest_ns: the longest time after which a step was seen.
     """
 
-    def __init__(self, rows: Path) -> None:
+    def __init__(self, rows: Path, *, has_period: bool) -> None:
+        self._has_period = has_period
         self._reader = PlaybackReader(rows, PLAYBACK_FIELDS)
         self._taken = self._reader.count()
         self._last_ns = 0
@@ -345,7 +347,7 @@ class _FollowedSteps:
     def idle_s(self) -> float:
         """For how long nothing has to be looked for."""
         left_s = (self._last_ns + self._period_ns - time.monotonic_ns()) / 1e9 - _NEAR_S
-        if left_s > 0:
+        if left_s > 0 and self._has_period:
             return min(left_s, _IDLE_S)
         return _BETWEEN_LOOKS_S if left_s > -_EXPECTED_S else _RARELY_S
 
@@ -355,7 +357,8 @@ class CallPlayer:
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureCalls) -> None:
         self._channel = channel
-        self._followed = _FollowedSteps(Path(settings.follows)) if settings.follows else None
+        rows, has_period = Path(settings.follows), settings.has_period
+        self._followed = _FollowedSteps(rows, has_period=has_period) if settings.follows else None
         self._node = rclpy_tools.start_node("caller" if settings.follows else "player")
         folder, buffers = Path(settings.rows_dir), Path(settings.buffer_dir)
         self._calls = [
@@ -407,6 +410,7 @@ class CallPlayer:
         for step in range(play.steps):
             message = self._timeline.message_of(step) if self._timeline is not None else None
             offset_ns = round(step * 1e9 / play.rate_hz) if message is None else message.offset_ns
+            offset_ns += play.delays_ns[step] if play.delays_ns else 0
             if not self._wait_until(begin_ns + offset_ns):
                 return step
             self._call_all(begin_ns + offset_ns, message)

@@ -405,9 +405,10 @@ def write_playback(
 
 
 def _delayed(blocks: Iterable[Entries], delays_ns: NDArray[np.int64]) -> Iterator[Entries]:
-    """Delay all entries up to the next step by the delay of their step."""
+    """Delay all entries up to the next step by the delay of their step, but not beyond that one."""
     for block in blocks:
         block["due_ns"] += delays_ns[np.maximum(block["complete"] - 1, 0)]
+        block["due_ns"] = np.minimum.accumulate(block["due_ns"][::-1])[::-1]
         yield block
 
 

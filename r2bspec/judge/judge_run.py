@@ -162,6 +162,7 @@ def build_result(
         verdict=_on_what_was_played(verdict, record),
         pairs=pairs,
         anatomies=anatomies or msgspec.UNSET,
+        load=plan.load or msgspec.UNSET,
         base_identity=base_identity,
         changes=changes,
         **{name: getattr(record, name) for name in _OF_RECORD},

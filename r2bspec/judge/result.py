@@ -89,6 +89,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         base_identity: of the base, if this is a comparison.
         changes: from the base to this run, such as ``blur.py changed``; nodes first.
         gate: what the reader has to know of the gate itself, a sentence each.
+        load: how the load differs from messages at equal intervals within one machine, in words.
     """
 
     r2bspec_result: Literal[1] = 1
@@ -120,6 +121,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     unplayed: tuple[UnplayedMessages, ...] = ()
     profiles: tuple[ProfileRecord, ...] = ()
     anatomies: tuple[AnatomySummary, ...] | msgspec.UnsetType = msgspec.UNSET
+    load: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
     identity: GraphIdentity | None = None
     base_identity: GraphIdentity | None = None
     changes: tuple[str, ...] = ()

@@ -35,7 +35,8 @@ wake a process; at rates above 100 Hz half a period would be less than that. A p
 1.5 periods late is closer to the time of the second one after it: at least two go out at once, and
 the graph is offered bursts. So 1.5 periods are too late at every rate: 1.5 ms at 1 kHz.
 
-A timeline has no single rate: the mean rate at which its steps are due replaces the offered one. A
+A timeline has no single rate: the mean rate at which its steps are due replaces the offered one,
+and likewise with arrivals that are not at equal intervals, of which the period is the mean one. A
 live run plays nothing, and misses no schedule.
 """
 
@@ -137,7 +138,9 @@ def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) ->
     if iterations[0].live:
         return ""
     played = pool_playback([iteration.playback for iteration in iterations])
-    planned_hz = offered_hz or played.planned_hz
+    # n steps that come irregularly take another time than n periods.
+    irregular = bool(iterations[0].segment.arrivals)
+    planned_hz = offered_hz if offered_hz and not irregular else played.planned_hz
     # A single publication has no rate.
     if played.sent > len(iterations) and played.rate_hz < MIN_RATE_SHARE * planned_hz:
         return (

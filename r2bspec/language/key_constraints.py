@@ -7,6 +7,7 @@ with other mistakes, too.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
@@ -14,8 +15,8 @@ from r2bspec.diagnostics import Diagnostic, Path, Related, Span, format_path
 from r2bspec.diagnostics.quote import unknown_name_help
 from r2bspec.language import located_tree as tree
 from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, Refusal, kinds_help, members
-from r2bspec.language.quantities import QuantityError, Rate
-from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
+from r2bspec.language.quantities import QuantityError, Rate, Share
+from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK, MAX_DROPOUT
 from r2bspec.language.spec_graph import PROCESS_KEYS
 from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS, MAX_RANGE_RATES, MAX_REQUIREMENTS
 
@@ -289,8 +290,31 @@ def _playback(document: _Document) -> Iterator[Diagnostic]:
             f" with mode {mode}",
             f"remove it, or write 'mode: timeline' instead of '{mode}'",
         )
+    yield from _arrivals(document, mode)
     yield from _recorded_rates(document, mode)
     yield from _translations(document)
+
+
+def _arrivals(document: _Document, mode: str) -> Iterator[Diagnostic]:
+    path: Path = ("playback", "arrivals")
+    if mode in {"timeline", "live"}:
+        why = f": with mode {mode} the {'recording' if mode == 'timeline' else 'graph'} sets them"
+        yield from document.without_effect([path], why, "remove it, or write 'mode: looping'")
+        return
+    if document.map_at(*path) is None:
+        return
+    kind = document.word(*path, "kind") or "fixed"
+    unused = {"bursts": (), "jitter": ("size",), "dropout": ("size",), "poisson": ("size", "share")}
+    keys = unused.get(kind, ("size", "share", "seed"))
+    paths = [(*path, key) for key in keys]
+    yield from document.without_effect(paths, f" with {kind} arrivals", "remove it")
+    if kind in {"jitter", "dropout"} and "share" not in document.keys(*path):
+        yield document.error(path, f"{kind} needs a share", "add 'share: 20 %'", "R2B118")
+    with contextlib.suppress(QuantityError):
+        share = Share.parse(document.word(*path, "share")).fraction
+        if share > (MAX_DROPOUT if kind == "dropout" else 1.0):
+            most = Share(MAX_DROPOUT if kind == "dropout" else 1.0)
+            yield document.error((*path, "share"), f"the share is more than {most}", "reduce it")
 
 
 def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
@@ -421,6 +445,19 @@ def _transport(document: _Document) -> Iterator[Diagnostic]:
             f" with {kind}: only shared_memory has segments",
             "remove it, or write 'kind: shared_memory'",
         )
+    if document.map_at("network") is None:
+        return
+    if (kind or document.word("transport")) != "udp":
+        message = "messages in shared memory do not pass the network"
+        help_text = "write 'transport: udp', or remove 'network'"
+        yield document.error(("network",), message, help_text)
+    for path, node in document.entries(("graph", "nodes")):
+        if "external" in node.entries:
+            message = f"external node {path[-1]} is not in the network of the run"
+            help_text = "let the run start it, or remove 'network'"
+            yield document.error((*path, "external"), message, help_text)
+    if "jitter" in document.keys("network") and "delay" not in document.keys("network"):
+        yield document.error(("network", "jitter"), "jitter needs a delay", "add 'delay'")
 
 
 def _benchmark(document: _Document) -> Iterator[Diagnostic]:

@@ -14,6 +14,7 @@ from r2bspec.language import names
 from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.spec_benchmark import (
+    Arrivals,
     BagSource,
     Benchmark,
     Call,
@@ -22,6 +23,7 @@ from r2bspec.language.spec_benchmark import (
     Harness,
     Monitor,
     MonitorSettings,
+    Network,
     Objective,
     Pacing,
     Playback,
@@ -54,6 +56,7 @@ from r2bspec.language.spec_tune import Tune
 from r2bspec.safe_io.limits import MAX_SPEC_ENTRIES
 
 __all__ = [
+    "Arrivals",
     "BagSource",
     "Call",
     "Container",
@@ -63,6 +66,7 @@ __all__ = [
     "LifecycleState",
     "Monitor",
     "MonitorSettings",
+    "Network",
     "Node",
     "Objective",
     "Pacing",
@@ -200,6 +204,8 @@ class Spec(Record, frozen=True, kw_only=True):
         namespace: The namespace of nodes and of relative topics.
         transport: How messages are transported: shared_memory, with segments for the largest
             message; udp; or inherit, by the settings of the environment.
+        network: Delay, loss and rate of a network between the processes, which tc of Linux
+            emulates; needs 'transport: udp'.
         harness: Where the player and the monitors run.
         data_loader: The recorded topics to load, and their names in the graph.
         preprocessors: Nodes that prepare the recorded messages, and are stopped before anything is
@@ -249,6 +255,7 @@ class Spec(Record, frozen=True, kw_only=True):
     matrix: ClassVar[Annotated[Matrix, key(loader=True, changes="neither")]]
     namespace: Annotated[names.Namespace, key("r2b", changes="graph")] = "r2b"
     transport: Annotated[Transport, key(default="shared_memory", changes="load")] = Transport()
+    network: Annotated[Network | None, key(changes="load")] = None
     harness: Annotated[Harness, key(changes="load")] = Harness()
     data_loader: Annotated[DataLoader, key(unless_live=True, changes="load")] = DataLoader()
     preprocessors: Annotated[Nodes, key(changes="graph")] = {}
@@ -314,6 +321,11 @@ class Spec(Record, frozen=True, kw_only=True):
     def has_own_rate(self) -> bool:
         """Whether the recording, or the graph's own source, determines the rate of messages."""
         return self.playback.mode in {"timeline", "live"}
+
+    @property
+    def irregular_arrivals(self) -> Arrivals | None:
+        """When steps come, if not at equal intervals."""
+        return None if self.playback.arrivals.kind == "fixed" else self.playback.arrivals
 
     @property
     def has_external_nodes(self) -> bool:

@@ -239,6 +239,47 @@ class Timeline(Record, frozen=True, kw_only=True):
     ] = {}
 
 
+ArrivalKind = Literal["fixed", "poisson", "bursts", "jitter", "dropout"]
+
+
+MAX_DROPOUT: Final = 0.9
+"""The largest share of intervals without a step."""
+
+
+class Arrivals(Record, frozen=True, kw_only=True):
+    """When the steps come. The rate is always their mean rate.
+
+    Attributes:
+        kind: fixed: at equal intervals; poisson: independently of each other, as requests of many
+            clients; bursts: several at once; jitter: each later than at equal intervals, by chance;
+            dropout: at equal intervals, of which some have no step, by chance.
+        size: With bursts: the number of steps in a burst.
+        share: With bursts: the part of the time from one burst to the next in which its steps come,
+            evenly; 0 % is at once. With jitter: the largest delay, as a share of the interval. With
+            dropout: the share of intervals without a step.
+        seed: The seed of what is left to chance. Each iteration has its own times, which are the
+            same in every run.
+    """
+
+    about = key("poisson", {"kind": "bursts", "size": 5, "share": "20 %"})
+    word = Literal["fixed", "poisson"]
+
+    kind: ArrivalKind = "fixed"
+    size: Annotated[int, key(5, minimum=2)] = 2
+    share: Annotated[Share | None, key("20 %")] = None
+    seed: Annotated[int, key(7, minimum=0)] = 1
+
+    @classmethod
+    def from_word(cls, word: Any) -> "Arrivals":
+        """That kind, with the default seed."""
+        return cls(kind=word)
+
+    def __str__(self) -> str:
+        words = {"bursts": f"bursts of {self.size}", "poisson": "Poisson arrivals"}
+        share = f", {self.share}" if self.share is not None else ""
+        return f"{words.get(self.kind, self.kind)}{share}, seed {self.seed}"
+
+
 class Playback(Record, frozen=True, kw_only=True):
     """How the buffered messages are played to the graph.
 
@@ -257,6 +298,7 @@ class Playback(Record, frozen=True, kw_only=True):
         record_timeline: Whether the timeline uses the times at which the preprocessors published.
         tf: Whether stamps in /tf are shifted like other stamps, or kept.
         pairing: Which messages of several inputs are one step.
+        arrivals: When the steps come: at equal intervals, or as in service.
         clock: Whether the system time is published on /clock at 100 Hz, for nodes with
             'use_sim_time'.
     """
@@ -283,6 +325,7 @@ class Playback(Record, frozen=True, kw_only=True):
     record_timeline: bool = False
     tf: Literal["shift", "keep"] = "shift"
     pairing: Pairing = Pairing()
+    arrivals: Annotated[Arrivals, key(default="fixed")] = Arrivals()
     clock: Annotated[bool, key(changes="graph")] = False
 
     @property
@@ -318,6 +361,33 @@ class Transport(Record, frozen=True, kw_only=True):
     def from_word(cls, word: Any) -> "Transport":
         """That kind, with a segment for the largest message."""
         return cls(kind=word)
+
+
+class Network(Record, frozen=True, kw_only=True):
+    """What a network between the processes of the graph does to every message from one process to
+    another, also from the player and to the monitors.
+
+    Attributes:
+        delay: The delay of every packet.
+        jitter: The largest deviation of the delay, either way.
+        loss: The share of packets that are lost; a packet has at most 1500 bytes.
+        rate: How much passes in a second.
+    """
+
+    about = key({"delay": "5 ms", "loss": "1 %"})
+
+    delay: Annotated[Duration | None, key("5 ms")] = None
+    jitter: Annotated[Duration | None, key("1 ms")] = None
+    loss: Annotated[Share | None, key("1 %")] = None
+    rate: Annotated[Size | None, key("12 MB", positive=True)] = None
+
+    def __str__(self) -> str:
+        named = {name: getattr(self, name) for name in self.__struct_fields__}
+        return ", ".join(
+            f"{name} {value}{'/s' if name == 'rate' else ''}"
+            for name, value in named.items()
+            if value is not None
+        )
 
 
 class Harness(Record, frozen=True, kw_only=True):

@@ -105,6 +105,8 @@ def compile_plan(
         calls=plan_calls(spec, wiring) or msgspec.UNSET,
         anatomy=spec.benchmark.anatomy or msgspec.UNSET,
         latched=plan_inputs(spec, wiring, spec.playback.latched) or msgspec.UNSET,
+        arrivals=spec.irregular_arrivals or msgspec.UNSET,
+        network=spec.network or msgspec.UNSET,
     )
 
 

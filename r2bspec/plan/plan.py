@@ -15,8 +15,10 @@ import msgspec
 from r2bspec.language.benchmark_defaults import CONFIDENCE, MAX_STARTS, MIN_CONFIDENCE
 from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.spec import (
+    Arrivals,
     LifecycleState,
     MonitorSettings,
+    Network,
     Objective,
     Pacing,
     ProcessSettings,
@@ -430,6 +432,8 @@ class Plan(Pacing, frozen=True, kw_only=True):
         anatomy: whether the processes of the graph are observed from inside, or of which nodes;
             likewise.
         latched: the inputs of which one message is published before the first step; likewise.
+        arrivals: when the steps come, if not at equal intervals; likewise.
+        network: what is emulated between the processes; likewise.
     """
 
     r2bspec_plan: Literal[1] = 1
@@ -472,6 +476,8 @@ class Plan(Pacing, frozen=True, kw_only=True):
     calls: tuple[CallPlan, ...] | msgspec.UnsetType = msgspec.UNSET
     anatomy: Literal[True] | tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
     latched: tuple[InputPlan, ...] | msgspec.UnsetType = msgspec.UNSET
+    arrivals: Arrivals | msgspec.UnsetType = msgspec.UNSET
+    network: Network | msgspec.UnsetType = msgspec.UNSET
 
     def observes(self, process: ProcessPlan) -> bool:
         """Whether a process is observed from inside: those of the harness always are."""
@@ -513,6 +519,13 @@ class Plan(Pacing, frozen=True, kw_only=True):
     def topic_monitors(self) -> tuple[MonitorPlan, ...]:
         """The monitors of topics; the others have the answers to calls."""
         return tuple(monitor for monitor in self.monitors if monitor.name not in self.called)
+
+    @property
+    def load(self) -> tuple[str, ...]:
+        """How the load differs from messages at equal intervals within one machine, in words."""
+        arrivals, network = self.arrivals or None, self.network or None
+        texts = (str(arrivals) if arrivals else "", f"network: {network}" if network else "")
+        return tuple(filter(None, texts))
 
     @property
     def plays(self) -> tuple[PlayPlan, ...]:

@@ -27,6 +27,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
+from r2bspec.language.spec_benchmark import ArrivalKind
 from r2bspec.record.graph_identity import GraphIdentity, check_machine_facts
 from r2bspec.safe_io.limits import MAX_PROCESSES, MAX_SEGMENTS
 
@@ -113,6 +114,8 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
         start: the start of the graph's processes that it was played in, from 1.
         live: whether nothing was played, because the graph has its own source. The window is then
             the one in which messages were received, and `steps` is 0.
+        arrivals: when its steps came, if not at equal intervals: the period of `rate_hz` is then
+            only their mean interval.
         core: the CPU on which both graphs of a comparison were played; None if on all.
         clock_offset_ns: in a live segment, the system clock minus CLOCK_MONOTONIC; None if that
             changed by more than a millisecond.
@@ -133,6 +136,12 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
     monitor_held_ns: Count = 0
     start: Number = 1
     core: int | None = None
+    arrivals: ArrivalKind | msgspec.UnsetType = msgspec.UNSET
+
+    @property
+    def has_period(self) -> bool:
+        """Whether its steps came at equal intervals."""
+        return bool(self.rate_hz) and self.arrivals is msgspec.UNSET
 
     @property
     def length_s(self) -> float:

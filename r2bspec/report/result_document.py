@@ -124,6 +124,7 @@ def _facts(result: Result) -> Iterator[str]:
         str(result.dataset.get("source") or ""),
         wording.code_text(result),
         wording.starts_text(result.starts),
+        *(result.load or ()),
         *(f"{key}: {value}" for key, value in result.labels.items()),
     )
     yield from filter(None, facts)

@@ -21,6 +21,10 @@ from r2bspec.errors import ExitStatus
 from r2bspec.execute.errors import RunError
 from r2bspec.harness.rclpy_tools import TypeNotFoundError, interface_class
 from r2bspec.harness.service_client import ServiceCallError, fill_message
+from r2bspec.ipc.arrivals import step_times_ns
+from r2bspec.language.spec import Arrivals
+from r2bspec.record.run_record import Segment
+from r2bspec.record.sample_arrays import Rows
 from ros_runs import Bench, quick_input, relay_spec
 from ros_runs import bench as bench
 from service_events import ADD_EVENTS, write_events
@@ -148,16 +152,32 @@ def test_recorded_requests_are_sent_whether_or_not_earlier_ones_are_answered(ben
     assert (played["published_ns"][at[later] + 1] < answers["received_ns"][later]).any()
 
 
+POISSON = {"kind": "poisson", "seed": 3}
+
+
+def assert_poisson(segment: Segment, played: Rows) -> None:
+    """See that the steps of a segment came when they should."""
+    arrivals = Arrivals(kind="poisson", seed=3)
+    due_ns = step_times_ns(arrivals, segment.rate_hz, played.size, segment.id)
+    assert (played["due_ns"] - played["due_ns"][0]).tolist() == due_ns.tolist()
+    assert (played["published_ns"] >= played["due_ns"]).all()
+
+
 def test_services_are_called_in_steps_of_inputs(bench: Bench) -> None:
     call = {"service": {**SLOW, "name": "double"}, "every": 4}
     spec = relay_spec(
         graph={"nodes": {"relay": {"python": "./nodes.py:RelayWithService"}}},
-        playback={"inputs": {"input": quick_input("loaded")}, "calls": {"it": call}},
+        playback={
+            "inputs": {"input": quick_input("loaded")},
+            "calls": {"it": call},
+            "arrivals": POISSON,
+        },
     )
     run = bench.run(spec).run()
     (segment,) = (each for each in run.record.segments if each.kind == "iteration")
     played, answers = run.playback(segment), run.monitor(segment, "it")
     assert played.size == 20
+    assert_poisson(segment, played)
     assert run.monitor(segment, "out").size > 0
     at = np.searchsorted(played["stamp_ns"], answers["stamp_ns"])
     assert 0 < answers.size <= 5
@@ -184,8 +204,11 @@ def test_a_service_in_c_is_called(bench: Bench) -> None:
 
 def test_of_an_action_acceptance_feedback_and_success_are_measured(bench: Bench) -> None:
     call = {"action": PLAN, "feedback": True, "each": [{"order": 7}, {}]}
-    run = bench.run(calls_spec("Planner", call)).run()
+    spec = calls_spec("Planner", call)
+    spec["playback"]["arrivals"] = POISSON
+    run = bench.run(spec).run()
     (segment,) = (each for each in run.record.segments if each.kind == "iteration")
+    assert_poisson(segment, run.playback(segment))
     rows = {name: run.monitor(segment, name) for name in ("it_accepted", "it_feedback", "it")}
     first = {}
     for name, each in rows.items():

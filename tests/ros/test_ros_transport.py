@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,9 +16,11 @@ import pytest
 pytest.importorskip("rclpy")
 
 from r2bspec.execute.processes.environment import RunEnvironment
+from r2bspec.execute.processes.network import why_not_emulated
 from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.middleware.fast_dds import default_segment_bytes
-from ros_runs import HANG_S
+from ros_runs import HANG_S, Bench, relay_spec
+from ros_runs import bench as bench
 from run_simulation import Simulation
 
 IMAGE_BYTES = 1280 * 720 * 3
@@ -80,3 +84,41 @@ def test_shared_memory_is_as_large_as_the_messages_need_and_there_is_no_other(
     segments = [each for each in found if each > 1 << 18]
     assert len(segments) == 1, found
     assert segments[0] >= default_segment_bytes(IMAGE_BYTES)
+
+
+REFUSED = why_not_emulated()
+HAS_NETEM = REFUSED is None
+# Where the kernel has no netem, another discipline shows which way messages go.
+INSTEAD = """#!/bin/sh
+shift 6
+exec {tc} qdisc add dev lo root tbf rate 1gbit burst 1mb latency 50ms
+"""
+
+
+@pytest.mark.skipif(
+    not HAS_NETEM and "sch_netem" not in str(REFUSED), reason=f"no namespace: {REFUSED}"
+)
+def test_messages_of_a_run_with_a_network_pass_it(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tc = shutil.which("tc", path="/usr/sbin:/sbin:/usr/bin:/bin")
+    if not HAS_NETEM:
+        (tmp_path / "tc").write_text(INSTEAD.format(tc=tc))
+        (tmp_path / "tc").chmod(0o755)
+        monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    look = f"{tc} -s qdisc show dev lo > {tmp_path}/seen"
+    done = bench.run(
+        relay_spec(
+            transport="udp",
+            network={"delay": "20 ms"},
+            after_ready={"look": {"command": ["sh", "-c", look]}},
+        )
+    )
+    done.assert_counts(20)
+    seen = (tmp_path / "seen").read_text()
+    assert ("netem" if HAS_NETEM else "tbf") in seen
+    (packets,) = re.findall(r"Sent \d+ bytes (\d+) pkt", seen)
+    assert int(packets) > 0
+    if HAS_NETEM:
+        # To the graph, and from it.
+        assert done.monitor()["latency"]["p50"] >= 0.04

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.ipc.arrivals import step_times_ns
 from r2bspec.judge.measure.host_usage import HostInterference, ProcessSamples
 from r2bspec.judge.measure.matching import MatchedMonitor, Matching
 from r2bspec.judge.measure.run_samples import (
@@ -30,7 +31,7 @@ from r2bspec.judge.measure.sample_table import MonitorSamples, monitor_samples
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.language.comparison_grammar import parse_requirement
 from r2bspec.language.quantities import Duration, Rate
-from r2bspec.language.spec import Objective
+from r2bspec.language.spec import Arrivals, Objective
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.plan.plan import DatasetPlan, MonitorPlan, Plan
 from r2bspec.record.run_folder import Run, RunFolder, open_run
@@ -92,6 +93,7 @@ class Played:
         strangers: messages that carry the stamp of no step.
         silent: monitors that received nothing.
         held: how long the monitor had no processor, in seconds.
+        arrivals: when the steps came; at equal intervals by default.
     """
 
     rate_hz: float
@@ -103,6 +105,7 @@ class Played:
     kind: SegmentKind = "iteration"
     complete: bool = True
     held: float = 0.0
+    arrivals: Arrivals | None = None
 
 
 @dataclass(frozen=True)
@@ -182,6 +185,7 @@ class Simulation:
                 index=counts[played.kind],
                 complete=played.complete,
                 monitor_held_ns=round(played.held * 1e9),
+                arrivals=played.arrivals.kind if played.arrivals else msgspec.UNSET,
             )
             playback = playback_rows(played, start_ns)
             rows = monitor_rows(played, playback)
@@ -346,6 +350,9 @@ def playback_rows(played: Played, start_ns: int = EPOCH_NS) -> Rows:
     steps = np.arange(len(played.latency))
     rows = np.zeros(steps.size, PLAYBACK_DTYPE)
     rows["due_ns"] = start_ns + np.round(steps * 1e9 / played.rate_hz).astype(np.int64)
+    if played.arrivals is not None:
+        arrivals, rate_hz = played.arrivals, played.rate_hz
+        rows["due_ns"] = start_ns + step_times_ns(arrivals, rate_hz, steps.size, "simulated")
     late = np.asarray(played.late if len(played.late) else np.zeros(steps.size))
     rows["published_ns"] = rows["due_ns"] + np.round(late * 1e9).astype(np.int64)
     rows["done_ns"] = rows["published_ns"] + 10_000

@@ -133,6 +133,39 @@ def latched_input_not_recorded(context: Context) -> Findings:
             )
 
 
+@rule("R2B420")
+def arrivals_without_period(context: Context) -> Findings:
+    """Searches, and requirements on rates and intervals, where steps come irregularly."""
+    arrivals = context.spec.irregular_arrivals
+    if arrivals is None or context.spec.has_own_rate:
+        return
+    if context.spec.benchmark.search is not None:
+        yield Finding(
+            message=f"a search probes rates at equal intervals, not with {arrivals.kind} arrivals",
+            path=("benchmark", "search"),
+            key=True,
+            help="list 'rates' and require latency at them, or write 'arrivals: fixed'",
+        )
+    for metric in context.known_metrics:
+        family = metric.info.metric.name
+        if metric.info.statistic == "sequential":
+            why = "is probed at equal intervals"
+        elif family == "throughput" and metric.requirement.windows_share is not None:
+            why = "of a window is what was offered in it"
+        elif family in {"interval", "jitter"}:
+            why = "is mostly that of the arrivals"
+        else:
+            continue
+        yield Finding(
+            message=f"{quote(metric.info.name)} {why}, and the playback has {arrivals.kind} "
+            "arrivals",
+            path=metric.path,
+            part=metric.metric_part,
+            help="require latency or drop_rate, or write 'arrivals: fixed'",
+            severity="warning" if family in {"interval", "jitter"} else None,
+        )
+
+
 @rule("R2B658")
 def monitor_without_steps(context: Context) -> Findings:
     """Monitors of a timeline that answer inputs which no step has together."""

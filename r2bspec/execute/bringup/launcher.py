@@ -57,6 +57,9 @@ _Row = TypeVar("_Row", bound=tuple[str, ...])
 class Launcher:
     """Starts the processes of a plan.
 
+    Args:
+        network: the words before a command line that start it in the network of the run.
+
     Attributes:
         endpoints: the actual endpoints of the Python nodes, as in `protocol.Ready`.
         differences: between the nodes and the plan, none of which has failed the run so far.
@@ -73,7 +76,9 @@ class Launcher:
         environment: RunEnvironment,
         folder: RunFolder,
         base_dir: Path,
+        network: Sequence[str] = (),
     ) -> None:
+        self._network = network
         self._supervisor = supervisor
         self._environment = environment
         self._folder = folder
@@ -129,7 +134,7 @@ class Launcher:
         child = self._supervisor.start(
             plan.name,
             plan.role,
-            prerequisites.resolve_argv(plan),
+            [*self._network, *prerequisites.resolve_argv(plan)],
             variables,
             cwd=self._base_dir,
             log=self._folder.log_path(plan.name),
@@ -404,7 +409,7 @@ class Launcher:
         return self._supervisor.start(
             name,
             role,
-            [sys.executable, "-P", "-m", "r2bspec.harness.child"],
+            [*self._network, sys.executable, "-P", "-m", "r2bspec.harness.child"],
             self._environment.for_harness(),
             cwd=self._base_dir,
             log=self._folder.log_path(name),
@@ -450,7 +455,7 @@ class Launcher:
         umask: int = PRIVATE_UMASK,
     ) -> None:
         """Run the command of a step, and wait until it exits with status 0."""
-        argv = prerequisites.resolve_command(step.argv, name)
+        argv = [*self._network, *prerequisites.resolve_command(step.argv, name)]
         log = self._folder.log_path(name)
         child = self._supervisor.start(
             name, "command", argv, environment, cwd=folder, log=log, umask=umask

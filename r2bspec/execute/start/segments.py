@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,7 +35,7 @@ from r2bspec.execute.start.segment_observation import (
     outstanding_answers,
     watch_s,
 )
-from r2bspec.ipc import protocol
+from r2bspec.ipc import arrivals, protocol
 from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import ArrivalReader, RowReader, StallLogReader, read_clocks
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule, Turns
@@ -178,7 +179,8 @@ class SegmentPlayer:
         complete = False
         try:
             with self._supervisor.waiting(f"{heading.kind.replace('_', '-')}: playing"):
-                self._play(rate_hz, steps, first, stop_condition, turns)
+                play = self._play_command(heading.id, rate_hz, steps, turns)
+                self._play(play, first, stop_condition)
             with self._supervisor.waiting("answers after the last input"):
                 self._drain(heading.kind, rate_hz, first)
             complete = True
@@ -198,6 +200,7 @@ class SegmentPlayer:
                     played_before=observation.played_before,
                     monitor_held_ns=self._stall_log.between(began_ns, time.monotonic_ns()),
                     core=turns.core if turns is not None else None,
+                    arrivals=self._plan.arrivals.kind if self._plan.arrivals else msgspec.UNSET,
                 )
         self._detect_stopped_outputs(heading.kind, observation)
         return observation
@@ -334,14 +337,19 @@ class SegmentPlayer:
         }
         return SegmentObservation(self._plan, played, monitors, before)
 
+    def _play_command(
+        self, name: str, rate_hz: float, steps: int, turns: Turns | None
+    ) -> protocol.Play:
+        """Return the command for a segment, with the due times that are not those of the rate."""
+        begin_ns, delays_ns = (turns.begin_ns, turns.delays_ns) if turns else (0, ())
+        if self._plan.arrivals:
+            delays_ns = arrivals.delays_ns(self._plan.arrivals, rate_hz, steps, name)
+        return protocol.Play(rate_hz=rate_hz, steps=steps, begin_ns=begin_ns, delays_ns=delays_ns)
+
     def _play(
-        self,
-        rate_hz: float,
-        steps: int,
-        first: dict[str, int],
-        stop_condition: StopCondition | None,
-        turns: Turns | None,
+        self, play: protocol.Play, first: dict[str, int], stop_condition: StopCondition | None
     ) -> None:
+        rate_hz, steps = play.rate_hz, play.steps
         if self._player is None:
             raise RunError("this run has no player")
         self._await_latched()
@@ -350,10 +358,7 @@ class SegmentPlayer:
         next_check = begin + _CHECK_INTERVAL_S
         stopping = False
         live = self._live(first)
-        begin_ns, delays_ns = (turns.begin_ns, turns.delays_ns) if turns else (0, ())
-        self._player.send(
-            protocol.Play(rate_hz=rate_hz, steps=steps, begin_ns=begin_ns, delays_ns=delays_ns)
-        )
+        self._player.send(play)
         # While the player waits for the first due time, so that earlier use is not counted.
         self._context.resources.sample_at(time.monotonic_ns())
         while True:

@@ -494,6 +494,7 @@ class Start:
             buffer_dir=str(self._buffer_dir),
             follows=follows,
             timeline=timeline,
+            has_period=not plan.arrivals,
         )
 
     def _schedule_threads(self, *, final: bool) -> None:

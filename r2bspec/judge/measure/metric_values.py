@@ -245,7 +245,7 @@ def windows(seen: MonitorSamples, window_ns: int) -> Iterator[MonitorSamples]:
     """What a monitor received in one iteration, window by window.
 
     A window of 1 s at 29.97 Hz has 30 steps or 29, and each is then measured by the time of its
-    steps. A timeline has no period: its windows have as many steps as were recorded in them.
+    steps. Without a period, as in a timeline, windows have as many steps as were due in them.
 
     Args:
         seen: one monitor in one iteration.
@@ -254,7 +254,7 @@ def windows(seen: MonitorSamples, window_ns: int) -> Iterator[MonitorSamples]:
     due_ns, segment = seen.outputs["due_ns"], seen.spans[0].segment
     if not due_ns.size:
         return
-    period_ns = output_period_ns(segment, seen.sent, seen.per_step) if segment.rate_hz else 0.0
+    period_ns = output_period_ns(segment, seen.sent, seen.per_step) if segment.has_period else 0.0
     began_ns = int(due_ns[0])
     number = (due_ns - began_ns + _ROUNDING_TOLERANCE_NS) // window_ns
     complete = (segment.ended_ns - began_ns + _ROUNDING_TOLERANCE_NS) // window_ns

@@ -437,13 +437,18 @@ class MonitorSamples:
         for number, span in enumerate(self.spans):
             rows = self.rows[(self.rows["span"] == number) & _came(self.rows)]
             received, segment = np.sort(rows["received_ns"]), span.segment
+            step_ns = (segment.ended_ns - segment.began_ns) / max(1, span.sent)
+            due_ns = np.unique(rows["due_ns"][rows["kind"] == MessageKind.EXPECTED])
+            if segment.arrivals and due_ns.size > 1:
+                # Compared with the usual interval of outputs, which is not their mean.
+                step_ns = float(np.median(np.diff(due_ns)))
             if span.sent:
                 evidence.append(
                     PaceEvidence(
                         received[1:] - received[:-1],
                         unasked=int(np.count_nonzero(rows["kind"] != MessageKind.EXPECTED)),
                         least=1 if self.by_order else MIN_UNASKED,
-                        step_ns=(segment.ended_ns - segment.began_ns) / span.sent,
+                        step_ns=step_ns,
                     )
                 )
         return tuple(evidence)
@@ -504,6 +509,9 @@ def monitor_samples(
     period_ns = output_period_ns(segment, int(steps.size), matching.per_step)
     window_ns = matching.trigger_steps.size * period_ns
     ended_ns = segment.began_ns + round(window_ns)
+    if segment.arrivals:
+        # The last steps of some arrivals are due at the end, and have no period after them.
+        period_ns = 0.0
     span = Span(segment, int(steps.size), window_ns, period_ns, ended_ns)
     return MonitorSamples(rows, (span,), matching.per_step, matching.by_order)
 

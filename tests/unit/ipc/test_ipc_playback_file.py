@@ -113,3 +113,11 @@ def test_no_stamp_of_an_earlier_playback_is_repeated(tmp_path: Path) -> None:
         header = np.fromfile(tmp_path / name, dtype="<i8", count=6)
         assert header[[0, 3]].tolist() == [0, 1]
         assert header[[2, 4, 5]].tolist() == expected
+
+
+def test_what_is_played_between_two_steps_stays_there_however_they_come(tmp_path: Path) -> None:
+    between = entries([0, -1, 1, -1])
+    made = CyclicRound(between, 2, np.array([0.0, 0.5, 1.0, 1.5]))
+    write_playback(tmp_path / "played", made, 10.0, 4, delays_ns=(0, -90_000_000, 0, 0))
+    found = np.memmap(tmp_path / "played", dtype=ENTRY_DTYPE, mode="r", offset=HEADER_BYTES)
+    assert (found["due_ns"] / 1e6).tolist() == [0, 10, 10, 60, 200, 250, 300, 350]
