@@ -57,7 +57,7 @@ def _figures(arrivals: str, seconds: int) -> tuple[str, str, str]:
         spec = Path(folder, "arrivals.r2b.yaml")
         spec.write_text(_SPEC.format(arrivals=arrivals, seconds=seconds), encoding="utf-8")
         command = [sys.executable, "-m", "r2bspec", "run", str(spec), "-o", f"{folder}/run"]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        subprocess.run(command, check=False, capture_output=True)
         tell(arrivals)
         run = open_run(Path(folder, "run"))
         played = [
