@@ -15,7 +15,7 @@ from pathlib import Path
 
 from r2bspec.datasets.catalogue import CACHE_KIND
 from r2bspec.doctor.checkup import CheckResult, Status, System, advised, read_int, read_text
-from r2bspec.execute.processes.network import why_not_emulated
+from r2bspec.ipc.network import why_not_emulated
 from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import MessageTransport, Middleware, middleware_of
 from r2bspec.plan.this_machine import cpu_quota

@@ -38,7 +38,6 @@ from r2bspec.execute.measurement.turns import Filled, Partner, play_by_turns
 from r2bspec.execute.processes import environment as run_environment
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.machine import describe_machine, describe_versions, unwritable_log
-from r2bspec.execute.processes.network import NetworkNamespace
 from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.execute.processes.scheduling import require_permitted
 from r2bspec.execute.processes.supervisor import ProcessSupervisor
@@ -47,6 +46,7 @@ from r2bspec.execute.start.start import StartSequence
 from r2bspec.execute.states import Interrupts, Progress, RunState, RunStates
 from r2bspec.extras import install_command
 from r2bspec.ipc.buffers import largest_message_bytes
+from r2bspec.ipc.network import NetworkError, NetworkNamespace
 from r2bspec.ipc.sample_files import ClockOffsetTracker
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import judge_confirmation
@@ -281,7 +281,12 @@ class _Run:
             prerequisites.built(anatomy_object)
         prerequisites.check_middleware(self._plan, os.environ)
         if self._plan.network:
-            self._network = NetworkNamespace(self._plan.network)
+            try:
+                self._network = NetworkNamespace(self._plan.network)
+            except NetworkError as error:
+                raise errors.CertainRunError(
+                    str(error), hint=error.hint, code=error.code
+                ) from error
         self._context.resources.start()
 
     def _set_up(self) -> None:

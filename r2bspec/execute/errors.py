@@ -184,12 +184,6 @@ class NoLoopbackError(CertainRunError):
     code = "R2B699"
 
 
-class NetworkError(CertainRunError):
-    """The network of the spec cannot be emulated on this machine."""
-
-    code = "R2B421"
-
-
 class SharedMemoryError(CertainRunError):
     """There is less shared memory than the transport needs."""
 

@@ -16,8 +16,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from r2bspec.execute.processes.environment import RunEnvironment
-from r2bspec.execute.processes.network import why_not_emulated
 from r2bspec.execute.processes.prerequisites import reserved_domain
+from r2bspec.ipc.network import why_not_emulated
 from r2bspec.middleware.fast_dds import default_segment_bytes
 from ros_runs import HANG_S, Bench, relay_spec
 from ros_runs import bench as bench

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.execute.errors import NetworkError
-from r2bspec.execute.processes.network import NetworkNamespace, netem_arguments, why_not_emulated
+from r2bspec.ipc.network import NetworkError, NetworkNamespace, netem_arguments, why_not_emulated
 from r2bspec.language.quantities import Duration, Share, Size
 from r2bspec.language.spec import Network
 

@@ -16,7 +16,7 @@ import shutil
 import subprocess
 from typing import Final
 
-from r2bspec.execute.errors import NetworkError
+from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.language.spec import Network
 
 _SYSTEM_FOLDERS: Final = "/usr/sbin:/sbin:/usr/bin:/bin"
@@ -24,6 +24,13 @@ _PACKAGES: Final = {"unshare": "util-linux", "nsenter": "util-linux"}
 _MTU: Final = 1500
 _QUEUE: Final = 100_000
 """Packets on their way; beyond its default of 1,000, netem drops those of a few large messages."""
+
+
+class NetworkError(R2bspecError):
+    """No network can be emulated on this machine."""
+
+    code = "R2B421"
+    exit_code = ExitStatus.USAGE
 
 
 def netem_arguments(network: Network) -> list[str]:
