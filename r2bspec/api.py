@@ -97,7 +97,7 @@ def load(spec: SpecSelection | Path | str, **values: Unpack[SelectionValues]) ->
 def validate(
     spec: SpecSelection | Path | str, **values: Unpack[SelectionValues]
 ) -> tuple[Diagnostic, ...]:
-    """All findings in any case of a spec, or in one, sorted by place.
+    """Return all findings in any case of a spec, or in one, sorted by place.
 
     Nothing that the spec names is executed. The arguments are those of `prepare`.
     """
@@ -175,7 +175,7 @@ def prepare_loaded(loaded: LoadedSpec, *, smoke: bool = False) -> PreparedBenchm
 
 
 def _stored_plan(selection: SpecSelection, *, smoke: bool) -> PreparedBenchmark:
-    """The plan that a file has, with the resolved spec where that is beside it."""
+    """Return the plan that a file has, with the resolved spec where that is beside it."""
     from r2bspec.plan.canonical_json import read_plan
     from r2bspec.record.run_folder import read_spec_text
 
@@ -189,7 +189,7 @@ def _stored_plan(selection: SpecSelection, *, smoke: bool) -> PreparedBenchmark:
 
 
 def compile_plan(spec: SpecSelection | Path | str, **values: Unpack[SelectionValues]) -> Plan:
-    """The plan of a spec; the arguments are those of `prepare`.
+    """Return the plan of a spec; the arguments are those of `prepare`.
 
     Raises:
         InvalidSpecError: the spec has errors.
@@ -470,7 +470,7 @@ def judge(run: Run) -> Result:
 
 
 def default_run_folder(name: str) -> Path:
-    """The default run folder for a name: a folder below ``runs/``."""
+    """Return the default run folder for a name: a folder below ``runs/``."""
     now = datetime.datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
     return Path("runs") / f"{folder_name(name)}-{now}-{secrets.token_hex(2)}"
 

@@ -17,7 +17,7 @@ class ExitStatus(IntEnum):
     meaning: str
 
     def __new__(cls, value: int, meaning: str) -> ExitStatus:
-        """A status that is its number, and knows its meaning."""
+        """Return a status that is its number, and knows its meaning."""
         status = int.__new__(cls, value)
         status._value_ = value
         status.meaning = meaning
@@ -34,7 +34,7 @@ class ExitStatus(IntEnum):
 
 
 def exit_status_text() -> str:
-    """Every status with its meaning, in one sentence."""
+    """Return every status with its meaning, in one sentence."""
     return "; ".join(f"{status.value} {status.meaning}" for status in ExitStatus)
 
 
@@ -76,7 +76,7 @@ def split_output(message: str) -> tuple[str, str]:
 
 
 def without_output(message: str) -> str:
-    """The first line of a message, without the output of a process that may follow it."""
+    """Return the first line of a message, without the output of a process that may follow it."""
     return split_output(message)[0].partition("\n")[0]
 
 
@@ -96,7 +96,7 @@ def is_refusal(error: OSError) -> bool:
 
 
 def refusal_hint(error: OSError) -> str:
-    """The way out of it."""
+    """Return the way out of it."""
     if error.errno == errno.EFBIG:
         return "Raise the limit on the size of a file: ulimit -f unlimited."
     if error.errno in {errno.EMFILE, errno.ENFILE}:
@@ -107,6 +107,6 @@ def refusal_hint(error: OSError) -> str:
 
 
 def refusal_text(error: OSError) -> str:
-    """The error with its file, where that is known."""
+    """Return the error with its file, where that is known."""
     what = error.filename or "a file of the run"
     return f"{what} cannot be written: {error.strerror or error}"

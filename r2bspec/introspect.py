@@ -91,7 +91,7 @@ def record_interfaces(
 
 
 def _told(node: str, error: R2bspecError, scratch: str) -> R2bspecError:
-    """The error with the real name of the node, and without temporary files."""
+    """Return the error with the real name of the node, and without temporary files."""
     text = str(error).removeprefix(f"{node}: ").replace(f"{NAMESPACE}/{_INSPECTED_NAME}", node)
     return R2bspecError(text, hint="" if scratch in error.hint else error.hint)
 
@@ -155,7 +155,7 @@ def _inspect(
 
 
 def _isolated_process(wired: NodeWiring) -> ProcessPlan:
-    """The process of a node that runs alone."""
+    """Return the process of a node that runs alone."""
     node = wired.node
     process = ProcessPlan(
         name=wired.key, phase="measure", role="command", argv=HARNESS_ARGV, env=node.env
@@ -183,7 +183,7 @@ def _isolated_process(wired: NodeWiring) -> ProcessPlan:
 
 
 def _standalone(wired: NodeWiring) -> tuple[str, ...]:
-    """A component in its own container, as started by ``ros2 component standalone``."""
+    """Return a component in its own container, as started by ``ros2 component standalone``."""
     node = wired.node
     words = ["ros2", "component", "standalone", node.package, node.plugin]
     words += ["--node-name", _INSPECTED_NAME, "--node-namespace", NAMESPACE]

@@ -128,7 +128,7 @@ class _SpecFile(pytest.File):
         return self.config.stash[_ACCESS]
 
     def result(self, loaded: LoadedSpec) -> Result:
-        """The judged run of a case, made once for all its tests.
+        """Return the judged run of a case, made once for all its tests.
 
         Raises:
             BenchmarkError: the run failed; every test of the case reports the same failure.
@@ -172,7 +172,7 @@ def _wait_s(config: pytest.Config) -> float | None:
 
 
 def _stored_folder(folder: Path, name: str) -> Path:
-    """The run of a benchmark: of its name, or of its name as `r2bspec run` writes it."""
+    """Return the run of a benchmark: of its name, or of its name as `r2bspec run` writes it."""
     from r2bspec.api import folder_name
 
     exact = folder / name
@@ -180,7 +180,7 @@ def _stored_folder(folder: Path, name: str) -> Path:
 
 
 def _new_folder(folder: Path) -> Path:
-    """The folder, or the first of ``NAME-2``, ``NAME-3`` and so on that is not there."""
+    """Return the folder, or the first of ``NAME-2``, ``NAME-3`` and so on that is not there."""
     number, place = 1, folder
     while place.exists():
         number += 1
@@ -199,7 +199,7 @@ class _SpecTest(pytest.Item):
         self.funcargs: dict[str, object] = {}
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
-        """The message alone, for errors of the plugin itself."""
+        """Return the message alone, for errors of the plugin itself."""
         if isinstance(excinfo.value, BenchmarkError):
             from r2bspec.diagnostics.plain_text import harmless
 
@@ -225,7 +225,7 @@ class _Validation(_SpecTest):
             raise BenchmarkError(render_text(findings, self._loaded.texts))
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
-        """The first line of the spec."""
+        """Return the first line of the spec."""
         return self.path, 0, f"{self.path.name}: valid"
 
 
@@ -275,7 +275,7 @@ class _Requirement(_SpecTest):
             raise BenchmarkError(explanation)
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
-        """The line of the requirement."""
+        """Return the line of the requirement."""
         return self.path, self._line - 1, f"{self.path.name}: {self.name}"
 
 

@@ -192,7 +192,7 @@ class _Draft:
         self.unknown.append(f"the publishers of {', '.join(sorted(missing))}")
 
     def _wiring(self) -> PhaseWiring:
-        """What is known of the nodes, from a spec that has nothing else."""
+        """Return what is known of the nodes, from a spec that has nothing else."""
         top = self._head()
         top.add("containers", self.nodes.containers)
         top.add("playback", {"mode": "live"})
@@ -205,7 +205,7 @@ class _Draft:
         return build_wiring(loaded.spec, companion_files=files).measure
 
     def _doubts(self) -> list[str]:
-        """Why nodes may have more topics than are known, one line each."""
+        """Return why nodes may have more topics than are known, one line each."""
         return [
             f"whether {node.key} {does} other topics: {why}"
             for node in self.measured.nodes
@@ -323,7 +323,7 @@ class _Draft:
             self.unknown.append(f"whether the nodes need the recorded transforms: {keys}")
 
     def _topics(self, *, is_publisher: bool) -> dict[str, str]:
-        """The topics that nodes publish, or to which they subscribe, with their types."""
+        """Return the topics that nodes publish, or to which they subscribe, with their types."""
         return {
             endpoint.topic: endpoint.type
             for endpoint in self.measured.endpoints
@@ -392,7 +392,7 @@ class _Draft:
         return top
 
     def _own(self, topic: str) -> str:
-        """A topic as the spec writes it: relative where that is the same."""
+        """Return a topic as the spec writes it: relative where that is the same."""
         inside = f"{self.namespace}/"
         return topic.removeprefix(inside) if topic.startswith(inside) else topic
 
@@ -534,7 +534,7 @@ def draft_text(
     recording: DraftRecording | None,
     base_dir: Path,
 ) -> str:
-    """A spec with what is known, and comments about what is not.
+    """Return a spec with what is known, and comments about what is not.
 
     Args:
         name: of the benchmark.
@@ -561,7 +561,7 @@ def _data_topics(recording: DraftRecording | None) -> list[TopicInfo]:
 
 
 def _words(topic: str) -> set[str]:
-    """The words of a topic's name: of ``left/image_rect`` left, image and rect."""
+    """Return the words of a topic's name: of ``left/image_rect`` left, image and rect."""
     return set(re.split(r"[/_]", topic.lower())) - {""}
 
 

@@ -56,7 +56,7 @@ class LaunchSource:
 
 
 def find_launch_file(wanted: str) -> LaunchSource:
-    """A launch file: a path, a package with one launch file, or ``PACKAGE:FILE``.
+    """Return a launch file: a path, a package with one launch file, or ``PACKAGE:FILE``.
 
     Raises:
         UsageError: there is no such file, or the package has several.
@@ -213,7 +213,7 @@ def _add_interface(block: Block, node: NodeAction, folder: Path) -> None:
 
 
 def _program(node: NodeAction, folder: Path) -> Path | None:
-    """The file of a program, if it can be found and may be Python."""
+    """Return the file of a program, if it can be found and may be Python."""
     if node.executable and node.package:
         files = [each / "lib" / node.package / node.executable for each in ament_prefixes()]
     else:

@@ -78,7 +78,7 @@ class FirstSpec:
 
 
 def spec_from_sources(name: str, folder: Path, sources: InitSources) -> FirstSpec:
-    """A spec that is valid as it is.
+    """Return a spec that is valid as it is.
 
     Args:
         name: of the benchmark.
@@ -172,7 +172,7 @@ def _add_node(draft: DraftNodes, target: str, parameter_file: str, folder: Path)
 
 
 def _written(file: str, folder: Path) -> str:
-    """A file as a spec in a folder names it."""
+    """Return a file as a spec in a folder names it."""
     relative = os.path.relpath(Path(file).expanduser().absolute(), folder.absolute())
     return relative if relative.startswith(".") else f"./{relative}"
 
@@ -211,7 +211,10 @@ def check_node_file(target: str, folder: Path) -> None:
 
 
 def why_no_topics(target: str, folder: Path) -> str:
-    """Why no topics and services of a node are known; empty if its source or a record has any."""
+    """Return why no topics and services of a node are known.
+
+    Empty if its source or a record has any.
+    """
     interface, _ = read_source(target, folder)
     key = node_key(target, interface.name)
     recorded = CompanionReader(folder).usable_interface(key, Node(python=target))
@@ -251,7 +254,7 @@ class NoGraphError(R2bspecError):
 
 
 def inspect_graph(timeout_s: float) -> list[dict[str, Any]]:
-    """The nodes of the graph in the ROS domain of this environment.
+    """Return the nodes of the graph in the ROS domain of this environment.
 
     Args:
         timeout_s: how long to wait for the first node.
@@ -314,7 +317,7 @@ def add_graph_nodes(draft: DraftNodes, nodes: list[dict[str, Any]]) -> None:
 
 def _entry(node: dict[str, Any]) -> Block:
     def listed(side: str) -> dict[str, Any]:
-        """The topics of one side that are the node's own."""
+        """Return the topics of one side that are the node's own."""
         topics = sorted(node[side].items())
         return {topic: value for topic, value in topics if topic not in _COMMON_TOPICS}
 

@@ -43,7 +43,7 @@ class ContentHash:
         topic.update(message.data)
 
     def hexdigest(self) -> str:
-        """The hash of everything added, 64 hexadecimal digits."""
+        """Return the hash of everything added, 64 hexadecimal digits."""
         whole = hashlib.sha256()
         for topic in self._topics.values():
             whole.update(topic.digest())

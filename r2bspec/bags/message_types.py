@@ -78,7 +78,7 @@ def read_stamp(message: bytes | bytearray, offset: int = ENCAPSULATION_BYTES) ->
 
 @cache
 def typestore() -> Typestore:
-    """The message definitions of the common interfaces of ROS 2 Jazzy."""
+    """Return the message definitions of the common interfaces of ROS 2 Jazzy."""
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_JAZZY)
@@ -86,7 +86,7 @@ def typestore() -> Typestore:
 
 @cache
 def begins_with_header(name: str) -> bool | None:
-    """Whether the first field of a type is a std_msgs/Header; None for an unknown type."""
+    """Return whether the first field of a type is a std_msgs/Header; None for an unknown type."""
     if name in WITH_HEADER:
         return True
     if name in WITHOUT_HEADER:
@@ -101,7 +101,7 @@ def begins_with_header(name: str) -> bool | None:
 
 
 def types_of_same_package(name: str) -> frozenset[str]:
-    """All types of the package of `name`, if it is a common package; otherwise none."""
+    """Return all types of the package of `name`, if it is a common package; otherwise none."""
     if name in WITH_HEADER or name in WITHOUT_HEADER:
         return frozenset({name})
     package = name.partition("/")[0]
@@ -110,5 +110,5 @@ def types_of_same_package(name: str) -> frozenset[str]:
 
 @cache
 def common_types() -> frozenset[str]:
-    """Every message type of the common interfaces of ROS 2 Jazzy, which `rosbags` ships."""
+    """Return every message type of the common interfaces of ROS 2 Jazzy, which `rosbags` ships."""
     return frozenset(typestore().fielddefs)

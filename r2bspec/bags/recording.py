@@ -38,13 +38,13 @@ _DAMAGED_HINT: Final = "the file is damaged or incomplete; copy or record it aga
 
 
 def unreadable(path: Path, reason: str, hint: str = "") -> DataError:
-    """The error for a storage file that cannot be read (R2B304)."""
+    """Return the error for a storage file that cannot be read (R2B304)."""
     text = f"{path} cannot be read: {reason}"
     return DataError(text, code="R2B304", hint=hint or _DAMAGED_HINT)
 
 
 def not_cdr(owner: str, topic: TopicInfo) -> DataError:
-    """The error for a topic whose messages cannot be played (R2B306)."""
+    """Return the error for a topic whose messages cannot be played (R2B306)."""
     return DataError(
         f"{owner} has {topic.name} as {topic.serialization}; only cdr can be played",
         code="R2B306",
@@ -54,7 +54,7 @@ def not_cdr(owner: str, topic: TopicInfo) -> DataError:
 
 
 def topic_not_found(owner: str, topic: str, topics: Iterable[str]) -> DataError:
-    """The error for a topic that a recording does not have (R2B308)."""
+    """Return the error for a topic that a recording does not have (R2B308)."""
     names = sorted(topics)
     close = did_you_mean(topic, names)
     return DataError(
@@ -65,14 +65,14 @@ def topic_not_found(owner: str, topic: str, topics: Iterable[str]) -> DataError:
 
 
 def error_text(error: Exception) -> str:
-    """The message of an error of the system or of a parser, on one line."""
+    """Return the message of an error of the system or of a parser, on one line."""
     if isinstance(error, OSError) and error.errno is not None:
         return os.strerror(error.errno)
     return " ".join(str(error).split()) or type(error).__name__
 
 
 def error_hint(error: Exception, default: str = _DAMAGED_HINT) -> str:
-    """The hint for an error: of the system, or else `default`, for damaged files."""
+    """Return the hint for an error: of the system, or else `default`, for damaged files."""
     number = error.errno if isinstance(error, OSError) else None
     if number in {errno.EACCES, errno.EPERM}:
         return "you do not have permission to read it; see 'ls -l'"
@@ -172,14 +172,14 @@ class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
         return self.end_ns - self.start_ns
 
     def find(self, topic: str) -> TopicInfo | None:
-        """The topic of that name; a leading slash is optional."""
+        """Return the topic of that name; a leading slash is optional."""
         exact = self.topics.get(topic)
         if exact is not None:
             return exact
         return self.topics.get(topic[1:] if topic.startswith("/") else f"/{topic}")
 
     def types(self, topics: Iterable[str]) -> dict[str, str]:
-        """The types of those of the topics that it has, by the given names."""
+        """Return the types of those of the topics that it has, by the given names."""
         return {topic: info.type for topic in topics if (info := self.find(topic)) is not None}
 
 
@@ -195,7 +195,7 @@ class TimeWindow(msgspec.Struct, frozen=True, kw_only=True):
     end_ns: int | None = None
 
     def contains(self, offset_ns: int) -> bool:
-        """Whether an instant, in ns after the start of the bag, lies inside."""
+        """Return whether an instant, in ns after the start of the bag, lies inside."""
         return self.start_ns <= offset_ns and (self.end_ns is None or offset_ns < self.end_ns)
 
 
@@ -306,7 +306,7 @@ class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_provenance(folder: Path) -> DatasetRecord | None:
-    """The provenance of a bag folder; None if r2bspec did not synthesise it."""
+    """Return the provenance of a bag folder; None if r2bspec did not synthesise it."""
     try:
         return read_json(folder / RECORD_NAME, DatasetRecord, max_bytes=MAX_METADATA_BYTES)
     except (OSError, msgspec.MsgspecError):
@@ -353,7 +353,7 @@ def _all_of(known: str, name: str) -> str:
 
 
 def merge_topics(infos: Iterable[TopicInfo], duration_ns: int) -> dict[str, TopicInfo]:
-    """The topics by name, sorted; the message counts of several entries of one are added.
+    """Return the topics by name, sorted; the message counts of several entries of one are added.
 
     Types and encodings that differ are all named, so that nothing takes one for the other.
     Everything else is that of the first entry. A rate that is not known is the mean from the first

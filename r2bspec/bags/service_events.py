@@ -40,14 +40,14 @@ NO_REQUESTS: Final = (
 
 
 def request_side(events: Iterable[RecordedMessage]) -> int | None:
-    """The kind of the events that have the requests; None if no event has one."""
+    """Return the kind of the events that have the requests; None if no event has one."""
     kinds = Counter(kind for event in events if (kind := request_kind(event.data)) is not None)
     # A client knows best when it has sent them.
     return max(kinds, key=lambda kind: (kinds[kind], -kind), default=None)
 
 
 def request_kind(event: bytes) -> int | None:
-    """The kind of an event that has a request; None for another one, or for other data."""
+    """Return the kind of an event that has a request; None for another one, or for other data."""
     if len(event) <= _COUNT_AT + 4 or event[_KIND_AT] not in (_SENT, _RECEIVED):
         return None
     (count,) = struct.unpack_from("<I" if event[1] & 1 else ">I", event, _COUNT_AT)

@@ -98,7 +98,7 @@ class LocatedRequirement(msgspec.Struct, frozen=True):
 
 
 def located_requirements(spec: Spec) -> Iterator[LocatedRequirement]:
-    """The conditions of the search, then the requirements of all objectives."""
+    """Yield the conditions of the search, then the requirements of all objectives."""
     if spec.benchmark.search is not None:
         for index, requirement in enumerate(spec.benchmark.search.holds):
             yield LocatedRequirement(requirement, ("benchmark", "search", "holds", index), "holds")
@@ -123,7 +123,7 @@ class KnownMetric(LocatedRequirement, frozen=True, kw_only=True):
 
 
 def max_wrong_share(metric: KnownMetric) -> float | None:
-    """The share of messages that may violate the bound; None if no share decides."""
+    """Return the share of messages that may violate the bound; None if no share decides."""
     requirement, info = metric.requirement, metric.info
     if requirement.bound is None or requirement.windows_share is not None:
         return None
@@ -159,7 +159,7 @@ class DocumentFiles:
         return CompanionReader(self._base_dir)
 
     def recording(self, bag: str, path: Path) -> Recording:
-        """The bag that a path of the spec names."""
+        """Return the bag that a path of the spec names."""
         if bag not in self._bags:
             self._bags[bag] = self._recording(bag)
         return self._bags[bag]._replace(path=path)
@@ -240,7 +240,7 @@ class Context:
         return tuple(recordings)
 
     def require_bags(self) -> list[BagIndex]:
-        """The index of every bag.
+        """Return the index of every bag.
 
         Raises:
             DataError: one of them cannot be used.
@@ -254,18 +254,18 @@ class Context:
         return indexes
 
     def _name_path(self, place: Path) -> Path:
-        """The path of the bag's name: its own value, or a key of it."""
+        """Return the path of the bag's name: its own value, or a key of it."""
         for key in ("dataset", "path"):
             if self.value_at((*place, key)) is not None:
                 return (*place, key)
         return place
 
     def value_at(self, path: Path) -> TreeNode | None:
-        """The value at a path of the document, or None."""
+        """Return the value at a path of the document, or None."""
         return lookup(self.loaded.tree, path)
 
     def parameter_path(self, node: NodeWiring, name: str) -> Path | None:
-        """Where the spec sets a parameter of a node; None for one from a parameter file.
+        """Return where the spec sets a parameter of a node; None for one from a parameter file.
 
         If several maps set it, the last one applies.
         """
@@ -345,7 +345,7 @@ class Context:
         return tuple(located_requirements(self.spec))
 
     def resolve(self, located: LocatedRequirement) -> KnownMetric:
-        """A requirement with its metric.
+        """Return a requirement with its metric.
 
         Raises:
             MetricError: the metric or the monitor does not exist.
@@ -376,7 +376,7 @@ class Context:
         )
 
     def relative_name(self, topic: str, namespace: str = "") -> str:
-        """A topic name relative to a namespace, by default that of the spec."""
+        """Return a topic name relative to a namespace, by default that of the spec."""
         inside = f"{(namespace or self.wiring.namespace).rstrip('/')}/"
         return topic.removeprefix(inside) if topic.startswith(inside) else topic
 
@@ -392,7 +392,7 @@ _MIN_CACHED_BYTES = 1_000_000
 
 
 def cached_index(location: BagLocation) -> BagIndex:
-    """The index of a located bag.
+    """Return the index of a located bag.
 
     Raises:
         DataError: the bag cannot be used; errors are not cached.
@@ -403,7 +403,10 @@ def cached_index(location: BagLocation) -> BagIndex:
 
 
 def cached_times(path: FilePath, index: BagIndex) -> dict[str, TopicTimes] | None:
-    """The times of all messages of a bag; None for a bag that is too large or cannot be read."""
+    """Return the times of all messages of a bag.
+
+    None for a bag that is too large or cannot be read.
+    """
     from r2bspec.bags.bag_reader import may_be_read
     from r2bspec.bags.recorded_times import RecordedTimes, read_times
 
@@ -429,7 +432,7 @@ def _cached(bag: FilePath, what: str, kind: type[_Read], read: Callable[[], _Rea
 
 
 def _cache_file(bag: FilePath, what: str) -> FilePath | None:
-    """The cache file for something of a bag; None if the bag is not worth caching."""
+    """Return the cache file for something of a bag; None if the bag is not worth caching."""
     try:
         files = sorted(bag.iterdir()) if bag.is_dir() else [bag]
         stats = [(file, file.stat()) for file in files[:_MAX_FILES]]
@@ -458,7 +461,7 @@ def _store(entry: FilePath, content: bytes) -> None:
 
 
 def clocks_ahead(times: Mapping[str, TopicTimes], slop_ns: int) -> dict[str, Duration]:
-    """How far the clocks of inputs are ahead, by their names, where that is constant."""
+    """Return how far the clocks of inputs are ahead, by their names, where that is constant."""
     if len(times) < 2 or not all(each.recorded_ns for each in times.values()):
         return {}
     recorded_ns = [each.recorded_ns for each in times.values()]
@@ -479,7 +482,7 @@ class MessageCount(msgspec.Struct, frozen=True):
 
 
 def window_message_counts(context: Context) -> dict[str, MessageCount]:
-    """The messages in the window of each loaded topic that the bag contains."""
+    """Return the messages in the window of each loaded topic that the bag contains."""
     bag = context.bag
     if bag is None:
         return {}
@@ -526,7 +529,10 @@ def _count_by_reading(context: Context, topic: str) -> MessageCount:
 
 
 def has_recorded_requests(context: Context, topic: str) -> bool | None:
-    """Whether the events of a service have requests in the window; None if they are not read."""
+    """Return whether the events of a service have requests in the window.
+
+    None if they are not read.
+    """
     return _in_window(
         context,
         {topic},
@@ -537,7 +543,7 @@ def has_recorded_requests(context: Context, topic: str) -> bool | None:
 def _in_window(
     context: Context, topics: set[str], read: Callable[[Iterator[RecordedMessage]], _Read]
 ) -> _Read | None:
-    """What is read of the messages of some topics in the window.
+    """Return what is read of the messages of some topics in the window.
 
     None where several bags, or a rendered one, are not read, and where the bag or the window cannot
     be read, which other rules report.

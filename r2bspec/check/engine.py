@@ -44,7 +44,7 @@ def all_rules() -> tuple[Rule, ...]:
 def check(
     loaded: LoadedSpec, *, offline: bool = False, context: Context | None = None
 ) -> list[Diagnostic]:
-    """All findings about a spec, sorted by place.
+    """Return all findings about a spec, sorted by place.
 
     A document with errors has no spec, so only these errors are returned. Findings that a comment
     waives (`r2bspec.diagnostics.waivers`) are left out. Nothing that the spec names is executed or
@@ -66,7 +66,7 @@ def check_cases(
     offline: bool = False,
     contexts: Sequence[Context | None] | None = None,
 ) -> list[Diagnostic]:
-    """All findings about the cases of one document, each finding once.
+    """Return all findings about the cases of one document, each finding once.
 
     Args:
         cases: every case, from `load_cases`.
@@ -82,7 +82,7 @@ def check_cases(
 def context_of(
     loaded: LoadedSpec, *, offline: bool = False, files: DocumentFiles | None = None
 ) -> Context | None:
-    """The context of a spec; None where the document has errors.
+    """Return the context of a spec; None where the document has errors.
 
     Args:
         loaded: from `load_spec`.
@@ -154,7 +154,7 @@ def _rule_stopped(rule: Rule, placed: Sequence[Diagnostic]) -> Diagnostic:
 
 
 def _shown(findings: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """The findings sorted by place; of too many, the most severe, and how many there are."""
+    """Return the findings sorted by place; of too many, the most severe, and how many there are."""
     ordered = sorted(findings, key=_by_place)
     # That a rule was stopped is shown in any case: nothing else says that there may be more.
     others = [finding for finding in ordered if finding.code != _STOPPED]

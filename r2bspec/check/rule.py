@@ -147,17 +147,17 @@ def near_file(path: FilePath) -> str:
 
 
 def flow_key(phase: str) -> str:
-    """The path of the messages in a phase."""
+    """Return the path of the messages in a phase."""
     return PREPROCESS_FLOW if phase == "preprocess" else MEASURE_FLOW
 
 
 def topic_key(phase: str, name: str) -> str:
-    """The publishers and subscriptions of a topic, by its full name."""
+    """Return the publishers and subscriptions of a topic, by its full name."""
     return f"topic:{phase}:{name}"
 
 
 def value_key(path: Path) -> str:
-    """A value of the document."""
+    """Return a value of the document."""
     return f"value:{'.'.join(map(str, path))}"
 
 
@@ -177,7 +177,10 @@ _MAX_REASONS = 2
 
 
 def why_unknown(nodes: Iterable[NodeWiring]) -> str:
-    """Why the publishers of nodes are not all known, in brackets; empty if nothing says it."""
+    """Return why the publishers of nodes are not all known, in brackets.
+
+    Empty if nothing says it.
+    """
     reasons = [
         f"{node.key}: {node.interface.may_publish_more}"
         for node in nodes
@@ -191,7 +194,7 @@ COMPLETE_SOURCES = frozenset({"table", "file", "source"})
 
 
 def as_version_warning(interface: Interface, finding: Finding) -> Finding:
-    """The finding as a warning that names the package version it applies to."""
+    """Return the finding as a warning that names the package version it applies to."""
     version = f"as in {interface.described_package}"
     return replace(
         finding,
@@ -204,7 +207,7 @@ def as_version_warning(interface: Interface, finding: Finding) -> Finding:
 def with_record(
     context: Context, finding: Finding, *rests_on: tuple[NodeWiring, InterfaceSource]
 ) -> Finding:
-    """The finding, naming the recorded interfaces that it rests on.
+    """Return the finding, naming the recorded interfaces that it rests on.
 
     It is a warning if one of them was recorded with another version of the package.
 
@@ -227,7 +230,7 @@ def with_record(
 def with_endpoint_records(
     context: Context, phase: PhaseWiring, finding: Finding, *endpoints: WiredEndpoint
 ) -> Finding:
-    """The same for a finding that follows from what is known of endpoints."""
+    """Return the same for a finding that follows from what is known of endpoints."""
     rests_on = [
         (
             node,
@@ -244,7 +247,7 @@ def with_endpoint_records(
 def to_diagnostic(
     finding: Finding, code: str, severity: Severity, loaded: LoadedSpec
 ) -> Diagnostic:
-    """The diagnostic of a finding; code and severity of the rule are the defaults."""
+    """Return the diagnostic of a finding; code and severity of the rule are the defaults."""
     if finding.part is not None:
         span = loaded.span_inside(finding.path, *finding.part)
     else:
@@ -271,7 +274,7 @@ def to_diagnostic(
 
 
 def _edit(finding: Finding, span: Span, loaded: LoadedSpec) -> Edit | None:
-    """The replacement, if the text at `span` is exactly the text to replace."""
+    """Return the replacement, if the text at `span` is exactly the text to replace."""
     if finding.replacement is None or span.line != span.end_line:
         return None
     node = lookup(loaded.tree, finding.path)
@@ -287,7 +290,7 @@ def _edit(finding: Finding, span: Span, loaded: LoadedSpec) -> Edit | None:
 def differences_to_diagnostics(
     differences: Iterable[Difference], loaded: LoadedSpec
 ) -> tuple[Diagnostic, ...]:
-    """The diagnostics of differences between a spec and the real graph, sorted by place.
+    """Return the diagnostics of differences between a spec and the real graph, sorted by place.
 
     Args:
         differences: from the run.
@@ -335,7 +338,7 @@ def failure_to_diagnostics(
 
 
 def _path(difference: Difference, context: Context) -> tuple[Path, bool]:
-    """The path of a difference, and whether it is about the key there."""
+    """Return the path of a difference, and whether it is about the key there."""
     node = next((node for _, node in context.nodes if node.name == difference.owner), None)
     if difference.part == "endpoint" or node is None:
         return _endpoint(difference, context, node)
@@ -357,7 +360,7 @@ def _path(difference: Difference, context: Context) -> tuple[Path, bool]:
 def _endpoint(
     difference: Difference, context: Context, node: NodeWiring | None
 ) -> tuple[Path, bool]:
-    """The place of the spec from which a node, the player or a monitor has this topic.
+    """Return the place of the spec from which a node, the player or a monitor has this topic.
 
     If a node has another one instead because of a remapping, this is what is misspelt.
     """

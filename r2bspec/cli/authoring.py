@@ -201,7 +201,7 @@ def _launch_arguments(written: tuple[str, ...]) -> dict[str, str]:
 
 
 def _lacks_outputs(text: str) -> bool:
-    """Whether a draft says that it does not know the outputs."""
+    """Return whether a draft says that it does not know the outputs."""
     from r2bspec.authoring.draft_spec import UNKNOWN_OUTPUTS
 
     return f"# - {UNKNOWN_OUTPUTS}:" in text
@@ -230,7 +230,7 @@ def _git_would_add_runs() -> bool:
 
 
 def _benchmark_name(name: str) -> str:
-    """The name, if it is valid for a benchmark.
+    """Return the name, if it is valid for a benchmark.
 
     Raises:
         UsageError: it is not.

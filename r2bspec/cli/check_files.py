@@ -130,7 +130,7 @@ def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileRep
 
 
 def naming_the_file(check: Callable[[str], T], file: str) -> T:
-    """The result of a check, whose unforeseen errors say which file led to them.
+    """Return the result of a check, whose unforeseen errors say which file led to them.
 
     Raises:
         InternalError: the check raised what no code foresaw.
@@ -173,7 +173,7 @@ def _load(source: Path | str, file: str, options: CheckOptions) -> tuple[LoadedS
 
 
 def _findings(cases: tuple[LoadedSpec, ...], options: CheckOptions) -> list[Diagnostic]:
-    """All findings; rules are imported only where they apply."""
+    """Return all findings; rules are imported only where they apply."""
     # All cases have the same texts.
     waived = any(map(may_contain_waiver, {text for case in cases for text in case.texts.values()}))
     if not waived and all(case.spec is None for case in cases):
@@ -244,7 +244,10 @@ def _apply_fixes(
 
 
 def read_text(file: str) -> str | None:
-    """The text of a file; None if `validate` cannot read it, or if it is a link elsewhere."""
+    """Return the text of a file.
+
+    None if `validate` cannot read it, or if it is a link elsewhere.
+    """
     path = Path(file)
     try:
         return safe_file.read_text(path, max_bytes=MAX_DOCUMENT_BYTES, folders=(path.parent,))

@@ -37,7 +37,7 @@ def _proposals(values: Callable[[click.Context], Iterable[str]]) -> Complete:
 
 
 def _spec_of(_ctx: click.Context) -> Path:
-    """The spec that the command line names.
+    """Return the spec that the command line names.
 
     From the words that the shell passes on: an option without a value, which is what is completed,
     ends the parsing of the command line, so that click does not know its arguments.

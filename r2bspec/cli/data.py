@@ -207,7 +207,7 @@ def verify(context: click.Context, bag: str, output_format: str) -> None:
 
 
 def _bag_on_disk(bag: str) -> Path:
-    """The place of a bag or a dataset; a synthetic one is created.
+    """Return the place of a bag or a dataset; a synthetic one is created.
 
     Raises:
         DataError: there is neither.
@@ -225,7 +225,7 @@ def _bag_on_disk(bag: str) -> Path:
 
 
 def _window(text: str | None, start: Duration | None, end: Duration | None) -> TimeWindow | None:
-    """The window of the options; None for everything."""
+    """Return the window of the options; None for everything."""
     if text is not None:
         if start is not None or end is not None:
             raise UsageError(

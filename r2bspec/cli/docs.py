@@ -21,7 +21,9 @@ _WIDTH = 88
 
 
 def _find_code(code: str, pages: Mapping[str, Page]) -> Page:
-    """The page of a code or a slug; ``r2b101``, ``101`` and ``Unknown_Key`` are accepted, too.
+    """Return the page of a code or a slug.
+
+    ``r2b101``, ``101`` and ``Unknown_Key`` are accepted, too.
 
     Raises:
         UsageError: there is none.
@@ -89,7 +91,10 @@ def _explain_code(page: Page) -> Iterator[str]:
 
 
 def _example_findings(page: Page) -> str:
-    """The findings in the failing example, as validate prints them; some need more than a spec."""
+    """Return the findings in the failing example, as validate prints them.
+
+    Some need more than a spec.
+    """
     from r2bspec.check.engine import check
     from r2bspec.language.load_spec import load_spec
     from r2bspec.report.findings_text import render_text
@@ -105,7 +110,7 @@ def _indent(block: str) -> Iterator[str]:
 
 
 def explain_metric(name: str) -> list[str]:
-    """The lines about a metric; none if there is no metric of this name."""
+    """Return the lines about a metric; none if there is no metric of this name."""
     from r2bspec.judge.measure.metric_catalogue import MetricError
 
     try:
@@ -198,14 +203,14 @@ def _sections_with(word: str) -> Iterator[str]:
 
 
 def doc_pages() -> dict[str, Path]:
-    """The file of each page of the documentation, by its name."""
+    """Return the file of each page of the documentation, by its name."""
     folder = docs_folder()
     files = (*sorted(folder.glob("*.md")), *sorted(folder.glob("*/*.md")))
     return {file.relative_to(folder).with_suffix("").as_posix(): file for file in files}
 
 
 def _doc_page(topic: str) -> Path:
-    """The file of a page.
+    """Return the file of a page.
 
     Raises:
         UsageError: there is no such page.
@@ -240,6 +245,6 @@ def docs_folder() -> Path:
 
 
 def _page_title(file: Path) -> str:
-    """The first heading of a page."""
+    """Return the first heading of a page."""
     lines = file.read_text(encoding="utf-8").splitlines()
     return next((line.lstrip("# ") for line in lines if line.startswith("# ")), "")

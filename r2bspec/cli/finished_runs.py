@@ -89,7 +89,7 @@ def _say_what_is_not_judged(found: ReportInput) -> None:
 
 
 def _load_objectives(path: Path) -> Spec:
-    """The other spec, with the findings about its SLOs and its gate only.
+    """Return the other spec, with the findings about its SLOs and its gate only.
 
     Its bag and its nodes may be missing here: nothing is run.
 

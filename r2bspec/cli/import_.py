@@ -122,7 +122,7 @@ class _Import:
         self.sources |= {name: text} if errors else {}
 
     def _target(self, file: Path) -> Path | None:
-        """Where the spec of a script is written.
+        """Return where the spec of a script is written.
 
         Raises:
             UsageError: there is no folder for several, or it exists.

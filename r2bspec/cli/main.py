@@ -193,7 +193,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _called(arguments: list[str]) -> Any:
-    """What the verb returns; for a completion script, its proposals are printed.
+    """Return what the verb returns; for a completion script, its proposals are printed.
 
     Raises:
         UsageError: such a script asks for what no shell would.
@@ -214,7 +214,7 @@ def _called(arguments: list[str]) -> Any:
 
 
 def _is_folder_gone() -> bool:
-    """Whether the current folder was removed, which only paths without a root notice."""
+    """Return whether the current folder was removed, which only paths without a root notice."""
     try:
         os.getcwd()  # noqa: PTH109
     except FileNotFoundError:

@@ -41,7 +41,7 @@ class BenchCommand:
 
 
 def _verbs(parsed_args: argparse.Namespace, **_asked: object) -> list[str]:
-    """What may come first."""
+    """Return what may come first."""
     from r2bspec.cli.main import VERBS
 
     return [] if parsed_args.words else [*VERBS]

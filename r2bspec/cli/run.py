@@ -152,7 +152,7 @@ def command(
 
 
 def _is_collection(path: str) -> bool:
-    """Whether a path is a folder, or a pattern that is no file."""
+    """Return whether a path is a folder, or a pattern that is no file."""
     import glob
 
     # Not those of Path: a name may be too long.

@@ -77,7 +77,7 @@ class OutputFolder:
 
 
 def folder_line(folder: Path) -> str:
-    """The line that names a run folder."""
+    """Return the line that names a run folder."""
     return f"run folder: {folder}"
 
 

@@ -256,7 +256,7 @@ class Suite:
         self._writing = self._written - began
 
     def settled(self, entry: SuiteEntry) -> suites.SuiteRun | None:
-        """An entry that need not be played: one with an error, or with an earlier run."""
+        """Return an entry that need not be played: one with an error, or with an earlier run."""
         if entry.error is not None:
             return self.failed(entry, entry.error)
         if self._options.resume and (earlier := self._earlier(entry)) is not None:
@@ -264,7 +264,7 @@ class Suite:
         return None
 
     def failed(self, entry: SuiteEntry, error: R2bspecError, host: str = "") -> suites.SuiteRun:
-        """A run that failed, as a row of the summary."""
+        """Return a run that failed, as a row of the summary."""
         # What is in the folder of a run that was not begun is of an earlier one.
         was_begun = entry.error is None
         return suites.run_with_error(
@@ -279,7 +279,7 @@ class Suite:
     def keep(
         self, entry: SuiteEntry, result: Result, *, resumed: bool, host: str = ""
     ) -> suites.SuiteRun:
-        """A run that has a result, as a row of the summary; its reports are written."""
+        """Return a run that has a result, as a row of the summary; its reports are written."""
         spec = entry.selection.spec
         self._results[str(entry.folder)] = result
         run_single.write_reports_of(self.options_of(entry), entry.folder, spec)
@@ -294,7 +294,7 @@ class Suite:
         )
 
     def options_of(self, entry: SuiteEntry) -> RunArguments:
-        """The options of one run, with its reports."""
+        """Return the options of one run, with its reports."""
         page = self._summary_page()
         return replace(
             self._options,
@@ -303,7 +303,7 @@ class Suite:
         )
 
     def _summary_page(self) -> ReportRequest | None:
-        """The HTML page of the summary, where one was requested as a file."""
+        """Return the HTML page of the summary, where one was requested as a file."""
         pages = (
             request
             for request in self._options.reports
@@ -312,12 +312,12 @@ class Suite:
         return next((page for page in pages if NAME_FIELD not in page.path), None)
 
     def _page_of(self, entry: SuiteEntry) -> str:
-        """The HTML page of a run, where there is one."""
+        """Return the HTML page of a run, where there is one."""
         paths = [request.path for request in self.reports_of(entry) if request.format == "html"]
         return next((path for path in paths if is_regular(Path(path))), "")
 
     def reports_of(self, entry: SuiteEntry) -> tuple[ReportRequest, ...]:
-        """The reports of one run; a summary in HTML has a page of each run to link to."""
+        """Return the reports of one run; a summary in HTML has a page of each run to link to."""
         name = "-".join(entry.folder.relative_to(self.root).parts)
         requests = tuple(
             replace(request, path=request.path.replace(NAME_FIELD, name))
@@ -330,7 +330,7 @@ class Suite:
         return (*requests, replace(summary, path=str(entry.folder / RUN_PAGE)))
 
     def _earlier(self, entry: SuiteEntry) -> Result | None:
-        """The result of a complete run of the same plan and code; any other makes room."""
+        """Return the result of a complete run of the same plan and code; any other makes room."""
         if not entry.folder.exists():
             return None
         benchmark = entry.benchmark
@@ -348,7 +348,10 @@ class Suite:
         return None
 
     def _is_same_code(self, entry: SuiteEntry, earlier: GraphIdentity | None) -> bool:
-        """Whether an earlier run was of the code that there is now; says what has changed."""
+        """Return whether an earlier run was of the code that there is now.
+
+        Says what has changed.
+        """
         if earlier is None:
             changes = ["it does not say what code it ran"]
         else:
@@ -393,7 +396,7 @@ class LocalExecutor:
     make: Play
 
     def play(self, entries: Sequence[SuiteEntry]) -> Playing:
-        """The runs in their order."""
+        """Yield the runs in their order."""
         for number, entry in enumerate(entries):
             settled = self.suite.settled(entry)
             yield entry, settled if settled is not None else self._make(number, entries)

@@ -33,7 +33,7 @@ class QuantityType(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> Quantity:
-        """The quantity of a text; a quantity stays as it is."""
+        """Return the quantity of a text; a quantity stays as it is."""
         if isinstance(value, Quantity):
             return value
         try:
@@ -46,7 +46,7 @@ class QuantityType(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         return quantity
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
-        """What the help shows in place of the value."""
+        """Return what the help shows in place of the value."""
         del param, ctx
         return self.name.upper()
 
@@ -65,7 +65,7 @@ class _SpecPath(click.Path):
         super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path."""
+        """Return the path."""
         from r2bspec.safe_io.safe_file import is_folder
 
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
@@ -82,7 +82,10 @@ quiet_option = click.option("--quiet", "-q", is_flag=True, help="Show no progres
 
 
 def format_option(*formats: str) -> Callable[[Command], Command]:
-    """The option ``--format``, passed as `output_format`; of text and JSON if none is named."""
+    """Return the option ``--format``, passed as `output_format`.
+
+    Of text and JSON if none is named.
+    """
     return click.option(
         "--format",
         "output_format",
@@ -105,18 +108,18 @@ def flag_options(texts: dict[str, str]) -> Callable[[Command], Command]:
 
 
 def repeatable_option(*names: str, **settings: Any) -> Callable[[Command], Command]:
-    """An option that may be repeated, which its help says; its values are a tuple."""
+    """Return an option that may be repeated, which its help says; its values are a tuple."""
     settings["help"] += "; may be repeated."
     return click.option(*names, multiple=True, **settings)
 
 
 def duration(lowest: str, highest: str) -> QuantityType:
-    """The type of an option that takes a duration."""
+    """Return the type of an option that takes a duration."""
     return QuantityType(Duration, lowest, highest)
 
 
 def share(lowest: str, highest: str) -> QuantityType:
-    """The type of an option that takes a share."""
+    """Return the type of an option that takes a share."""
     return QuantityType(Share, lowest, highest)
 
 
@@ -128,7 +131,7 @@ wait_option = click.option(
 
 
 def queue_options(command: Command) -> Command:
-    """What to do while this host runs other benchmarks."""
+    """Return what to do while this host runs other benchmarks."""
     flags = {"--no-lock": "Run even while this host runs a benchmark."}
     return wait_option(flag_options(flags)(command))
 
@@ -156,7 +159,7 @@ against_option = repeatable_option(
 
 
 def suite_options(command: Command) -> Command:
-    """Which of several specs are played."""
+    """Return which of several specs are played."""
     for decorate in (
         flag_options(
             {
@@ -213,7 +216,7 @@ _allow_path_option = repeatable_option(
 
 
 def parse_pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
-    """The values of an option that takes ``NAME=VALUE``.
+    """Return the values of an option that takes ``NAME=VALUE``.
 
     Raises:
         click.UsageError: one of them has no name, or no equals sign.

@@ -66,7 +66,7 @@ def prepare_and_report(
 
 
 def base_selection(head: SpecSelection, reference: BaseReference) -> SpecSelection:
-    """The base of a reference.
+    """Return the base of a reference.
 
     With the head's own spec it has the head's options of the command line, changed by the
     reference. Another spec has only the options of the reference.
@@ -126,7 +126,7 @@ def suite_entries(
     select: Sequence[str] = (),
     scan: Sequence[str] = (),
 ) -> list[SuiteEntry]:
-    """Every run, in the order of files, cases and scanned values.
+    """Return every run, in the order of files, cases and scanned values.
 
     A matrix is run with all its cases, unless the selection names one.
 
@@ -157,7 +157,7 @@ def suite_entries(
 
 
 def _cases_of(selection: SpecSelection) -> Iterator[tuple[LoadedSpec | None, str]]:
-    """The cases of a file; a plan has one, and so has a document with errors."""
+    """Yield the cases of a file; a plan has one, and so has a document with errors."""
     if selection.spec.suffix == ".json":
         yield None, ""
         return
@@ -203,7 +203,7 @@ def _scanned(
     loaded: LoadedSpec | None,
     scans: Sequence[tuple[str, tuple[str, ...]]],
 ) -> Iterator[SuiteEntry]:
-    """The runs of one case: a variable of the spec is set, or else the key of that path."""
+    """Yield the runs of one case: a variable of the spec is set, or else the key of that path."""
     spec = loaded.spec if loaded is not None else None
     declared = spec.variables if spec is not None else {}
     for values in itertools.product(*(axis for _, axis in scans)):

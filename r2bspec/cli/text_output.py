@@ -22,14 +22,14 @@ _MAX_CELL = 100
 
 
 def styled(text: str, **style: Any) -> str:
-    """A text with a style of click for standard output, if that has colours."""
+    """Return a text with a style of click for standard output, if that has colours."""
     from r2bspec.report.findings_text import wants_colour
 
     return click.style(text, **style) if wants_colour(sys.stdout) else text
 
 
 def aligned_lines(rows: Sequence[Sequence[str]], right_columns: Collection[int] = ()) -> list[str]:
-    """A line for each row, with columns as wide as a terminal shows their widest cell.
+    """Return a line for each row, with columns as wide as a terminal shows their widest cell.
 
     Long cells are clipped. Of very many rows the first are shown, with how many there are more.
 

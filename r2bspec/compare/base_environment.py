@@ -57,7 +57,7 @@ _WAY_OUT = "Say in the spec how the base is built: benchmark.gate.base."
 
 
 def base_environment(tree: BaseTree, *, built: bool) -> dict[str, str]:
-    """The variables of the base that differ from those of this process.
+    """Return the variables of the base that differ from those of this process.
 
     Args:
         tree: the work tree of the base.
@@ -91,7 +91,7 @@ def base_environment(tree: BaseTree, *, built: bool) -> dict[str, str]:
 
 
 def is_code_of(path: Path, tree: BaseTree, side: str) -> bool:
-    """Whether a file belongs to the work tree of the base or of the head, and to no tool.
+    """Return whether a file belongs to the work tree of the base or of the head, and to no tool.
 
     A virtual environment in the work tree, and r2bspec itself, serve both sides.
     """
@@ -130,7 +130,7 @@ def check_tools(tree: BaseTree) -> None:
 
 
 def _mapped(entry: str, tree: BaseTree) -> Iterator[str]:
-    """An entry of a search path, as the base has it; none if that does not exist."""
+    """Yield an entry of a search path, as the base has it; none if that does not exist."""
     path = Path(entry).resolve()
     if not is_code_of(path, tree, "head"):
         yield entry
@@ -151,7 +151,7 @@ def _is_in_any(path: Path, folders: Iterable[Path]) -> bool:
 
 
 def _head_overlays(tree: BaseTree) -> list[Path]:
-    """The installations of colcon in the search paths whose workspace holds the head's tree.
+    """Return the installations of colcon in the search paths whose workspace holds the head's tree.
 
     Those within that tree are no matter: their entries are mapped as any other.
     """
@@ -225,7 +225,7 @@ def _lines(file: Path) -> list[str]:
 
 
 def _finder_folders(file: Path) -> list[str]:
-    """The folders of MAPPING, a literal in the module that setuptools writes."""
+    """Return the folders of MAPPING, a literal in the module that setuptools writes."""
     try:
         body = ast.parse(file.read_bytes()[:MAX_PATH_FILE_BYTES]).body
     except (OSError, SyntaxError, ValueError):
@@ -286,7 +286,7 @@ class BaseBuilds:
 
 
 def _setup(text: str, tree: BaseTree) -> str:
-    """The setup of a base: a path below its top, or a variable."""
+    """Return the setup of a base: a path below its top, or a variable."""
     place = tree.top / text
     name, equals, value = text.partition("=")
     if equals and not place.exists():

@@ -264,13 +264,13 @@ def _of_parts(rate: RateMetrics) -> Iterator[_Values]:
 
 
 def _possible(values: list[float | None], seen: Sequence[MonitorMetrics]) -> list[float | None]:
-    """The values; none at all if there cannot be any, as no output was expected."""
+    """Return the values; none at all if there cannot be any, as no output was expected."""
     known = any(value is not None for value in values)
     return values if known or any(sample.is_expected for sample in seen) else []
 
 
 def _value(seen: MonitorMetrics, info: MetricInfo) -> float | None:
-    """The value of a metric; None if the percentile is a lost message."""
+    """Return the value of a metric; None if the percentile is a lost message."""
     q = info.quantile if info.metric.lost_is_slowest else None
     if q is not None and seen.expected and rank(q, seen.expected) > seen.count("answered"):
         return None
@@ -322,7 +322,7 @@ def compare(
 def require_comparable(
     base: ComparedResult, head: ComparedResult, *, force: bool
 ) -> tuple[str, ...]:
-    """The differences of two results, a line each; see `compare`.
+    """Return the differences of two results, a line each; see `compare`.
 
     Raises:
         IncomparableError: load, data or machine differ.
@@ -338,7 +338,7 @@ def require_comparable(
 
 
 def _blocking_differences(base: ComparedResult, head: ComparedResult) -> Iterator[object]:
-    """The differences for which a ratio says nothing about the graphs.
+    """Yield the differences for which a ratio says nothing about the graphs.
 
     Graphs that differ are what one compares.
     """
@@ -354,7 +354,7 @@ def _blocking_differences(base: ComparedResult, head: ComparedResult) -> Iterato
 
 
 def differences_of(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
-    """The differences of two results in plan, code, data and machine, a line each."""
+    """Yield the differences of two results in plan, code, data and machine, a line each."""
     if base.plan is not None and head.plan is not None:
         yield from _plan_differences(base.plan, head.plan)
     elif base.plan_hash != head.plan_hash:
@@ -375,7 +375,7 @@ def _code_differences(base: ComparedResult, head: ComparedResult) -> Iterator[st
 
 
 def _some(lines: Sequence[str], subject: str, noun: str) -> Iterator[str]:
-    """The first lines, and how many more there are."""
+    """Yield the first lines, and how many more there are."""
     yield from lines[:_MAX_DIFFERENCES]
     if len(lines) > _MAX_DIFFERENCES:
         yield f"{subject}: {len(lines) - _MAX_DIFFERENCES} more {noun}"
@@ -404,7 +404,7 @@ def _plan_differences(base: Plan, head: Plan) -> Iterator[str]:
 
 
 def _rates_text(side: ComparedResult) -> str:
-    """The rates of a result: ``10 Hz and 30 Hz``."""
+    """Return the rates of a result: ``10 Hz and 30 Hz``."""
     rates = sorted({rate for rate, _, _ in side.series if rate})
     return " and ".join(show(rate, "Hz") for rate in rates[:_MAX_DIFFERENCES]) or "no fixed rate"
 

@@ -55,7 +55,7 @@ class BaseFailsError(R2bspecError):
 
     @classmethod
     def of(cls, error: R2bspecError, text: str = "") -> BaseFailsError:
-        """An error of the base, with the way out.
+        """Return an error of the base, with the way out.
 
         The exit status is that of its cause, which may say that another attempt can help. A run
         that failed was already repeated, so its cause is the base's code, which no pipeline has
@@ -195,7 +195,7 @@ def needs_base_alone(head: Plan) -> bool:
 
 
 def _baseline_metrics(plan: Plan) -> Iterator[MetricInfo]:
-    """The metrics of the requirements of the baseline."""
+    """Yield the metrics of the requirements of the baseline."""
     monitors = [monitor.name for monitor in plan.monitors]
     for objective in plan.objectives.values():
         for requirement in objective.require:

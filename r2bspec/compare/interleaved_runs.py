@@ -281,7 +281,7 @@ class _Pairs(Experiment[Pair]):
         return read_pairs(pairs, self.measured)
 
     def _is_over_budget(self, played: int) -> bool:
-        """Whether one more pair would exceed the time budget of the spec."""
+        """Return whether one more pair would exceed the time budget of the spec."""
         budget_ns = self._comparison.head.plan.gate.time_budget_ns
         if not budget_ns:
             return False
@@ -361,7 +361,7 @@ class _Pairs(Experiment[Pair]):
         return True
 
     def _plan_of(self, side: Side) -> Plan:
-        """The plan of a run; the harness overhead is that of the head, and measured once."""
+        """Return the plan of a run; the harness overhead is that of the head, and measured once."""
         is_known = any(not pair.unusable for pair in self._pairs)
         plan = self._plans[side]
         return plan if side == "head" and not is_known else without_overhead(plan)

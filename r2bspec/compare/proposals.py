@@ -29,7 +29,7 @@ from r2bspec.language.spec import Objective, Spec
 
 
 def _objective_lines(name: str, at: str, requirements: Iterable[str]) -> list[str]:
-    """An objective as it is written below ``slos``."""
+    """Return an objective as it is written below ``slos``."""
     rate = [f"  at: {at}"] if at else []
     return [
         f"{name}:",
@@ -40,7 +40,10 @@ def _objective_lines(name: str, at: str, requirements: Iterable[str]) -> list[st
 
 
 def insert_objective(loaded: LoadedSpec, text: str, lines: list[str]) -> str | None:
-    """The text with an objective at the end of ``slos``; None if it has to be added by hand."""
+    """Return the text with an objective at the end of ``slos``.
+
+    None if it has to be added by hand.
+    """
     slos = lookup(loaded.tree, ("slos",)) if loaded.tree is not None else None
     if slos is None:
         end = "" if text.endswith("\n") or not text else "\n"
@@ -65,7 +68,7 @@ def insert_objective(loaded: LoadedSpec, text: str, lines: list[str]) -> str | N
 
 
 def _last_line(node: TreeNode) -> int:
-    """The last line of a value."""
+    """Return the last line of a value."""
     if isinstance(node, MapNode) and node.entries:
         return max(_last_line(entry.value) for entry in node.entries.values())
     if isinstance(node, ListNode) and node.items:
@@ -122,7 +125,7 @@ def propose_objectives(
     result: Result,
     judge: Judge,
 ) -> Proposal:
-    """A spec with objectives from what a run measured.
+    """Return a spec with objectives from what a run measured.
 
     Metrics that the spec already has a requirement for, at the same rate, are left alone.
 
@@ -334,7 +337,7 @@ def limit_of(values: Sequence[float], of: str = "iterations") -> Limit | None:
 
 
 def _passed(candidates: Sequence[_Candidate], judge: Judge) -> set[tuple[str, str]]:
-    """The requirements that the run passes, with their objectives."""
+    """Return the requirements that the run passes, with their objectives."""
     requirements: dict[tuple[str, str], list[Requirement]] = {}
     for candidate in candidates:
         asked = requirements.setdefault((candidate.objective, candidate.at), [])
@@ -370,19 +373,19 @@ def _insert(loaded: LoadedSpec, proposal: Proposal, rates: Mapping[str, str]) ->
 
 
 def _has_requirement(spec: Spec, rate: RateMetrics, monitor: str, metric: str) -> bool:
-    """Whether the spec already states the metric at this rate."""
+    """Return whether the spec already states the metric at this rate."""
     return any(
         name.removeprefix(f"{monitor}.").split(".")[0] == metric for name in _required(spec, rate)
     )
 
 
 def _requires_part(spec: Spec, rate: RateMetrics, series: str) -> bool:
-    """The same for the values of a node, such as ``blur.callback``."""
+    """Return the same for the values of a node, such as ``blur.callback``."""
     return any(f"{name}.".startswith(f"{series}.") for name in _required(spec, rate))
 
 
 def _required(spec: Spec, rate: RateMetrics) -> Iterator[str]:
-    """The metrics that the spec requires at a rate."""
+    """Yield the metrics that the spec requires at a rate."""
     for objective in spec.slos.values():
         at_hz = objective.at.hz if objective.at is not None else 0.0
         if rate.pace != "rate" or at_hz == rate.offered_hz:
@@ -390,7 +393,7 @@ def _required(spec: Spec, rate: RateMetrics) -> Iterator[str]:
 
 
 def _free_name(spec: Spec, name: str) -> str:
-    """A name that no objective of the spec has: this one, or one with a number."""
+    """Return a name that no objective of the spec has: this one, or one with a number."""
     free, number = name, 2
     while free in spec.slos:
         free, number = f"{name}_{number}", number + 1
@@ -398,12 +401,12 @@ def _free_name(spec: Spec, name: str) -> str:
 
 
 def _ceiling(value: float) -> str:
-    """A number rounded up to two significant digits."""
+    """Return a number rounded up to two significant digits."""
     step = 10 ** (math.floor(math.log10(value)) - 1)
     return f"{float(f'{math.ceil(value / step - 1e-9) * step:.6g}'):g}"
 
 
 def _floor(value: float) -> str:
-    """A number rounded down to three significant digits."""
+    """Return a number rounded down to three significant digits."""
     step = 10 ** (math.floor(math.log10(value)) - 2)
     return f"{float(f'{math.floor(value / step + 1e-9) * step:.6g}'):g}"

@@ -71,7 +71,7 @@ class ReportInput:
     judged_samples: RunSamples | None = None
 
     def require_run(self, what: str) -> Run:
-        """The run folder, for a format that needs it.
+        """Return the run folder, for a format that needs it.
 
         Raises:
             SamplesMissingError: only the result is known.
@@ -92,7 +92,7 @@ class ReportInput:
 
 
 def read_report_input(path: Path, *, spec_file: Path | None = None) -> ReportInput:
-    """The input of a report: a folder is measured and judged again, a file is read as it is.
+    """Return the input of a report: a folder is measured and judged again, a file is read as it is.
 
     Raises:
         RecordError: a folder is neither that of a run nor of a comparison.
@@ -111,7 +111,7 @@ def read_folder(
     judged_by: str = "",
     gate: GatePlan | None = None,
 ) -> ReportInput:
-    """The folder of a run, or of a comparison, measured and judged again.
+    """Return the folder of a run, or of a comparison, measured and judged again.
 
     Args:
         path: the folder.
@@ -138,7 +138,7 @@ def read_folder(
 
 
 def open_folder(path: Path) -> Run:
-    """The run in a folder; of a comparison, the head's runs of the pairs that count, as one.
+    """Return the run in a folder; of a comparison, the head's runs of the pairs that count, as one.
 
     Raises:
         RecordError: as `read_folder`.
@@ -150,7 +150,7 @@ def open_folder(path: Path) -> Run:
 
 
 def measure(run: Run) -> RunSamples:
-    """The samples of such a run, which is not judged.
+    """Return the samples of such a run, which is not judged.
 
     Raises:
         RecordError: a file of it is missing or damaged.
@@ -167,7 +167,7 @@ def judge_comparison_folder(
     gate: GatePlan | None = None,
     measured: dict[str, RunSamples] | None = None,
 ) -> ReportInput:
-    """A comparison measured and judged. Needs no ROS; the same folder gives the same bytes.
+    """Return a comparison measured and judged. Needs no ROS; the same folder gives the same bytes.
 
     The run is that of the head in the pairs that count, as one.
 
@@ -203,7 +203,7 @@ def judge_comparison_folder(
 
 
 def read_pairs(pairs: comparison_folder.PairedComparison, measured: dict[str, RunSamples]) -> Pairs:
-    """The samples of the pairs that count, and when they are judged.
+    """Return the samples of the pairs that count, and when they are judged.
 
     Args:
         pairs: the comparison.
@@ -261,7 +261,7 @@ def _pairs_result(pairs: comparison_folder.PairedComparison) -> PairsResult:
 
 
 def read_content(path: Path) -> bytes:
-    """The bytes of a file that a command names.
+    """Return the bytes of a file that a command names.
 
     Raises:
         UnreadableResultError: it cannot be read.

@@ -60,7 +60,7 @@ SEQUENCES: dict[str, Sequence] = {
 
 
 def find_sequence(name: str) -> Sequence:
-    """The sequence of that name.
+    """Return the sequence of that name.
 
     Raises:
         DataError: there is none (R2B307).
@@ -72,7 +72,7 @@ def find_sequence(name: str) -> Sequence:
 
 
 def _unknown_dataset(name: str, known: Collection[str]) -> recording.DataError:
-    """The error for an unknown dataset name."""
+    """Return the error for an unknown dataset name."""
     close = did_you_mean(name, known)
     return recording.DataError(
         f"there is no dataset {quote(name)}",
@@ -84,7 +84,7 @@ def _unknown_dataset(name: str, known: Collection[str]) -> recording.DataError:
 
 
 def select_sources(name: str, topics: Collection[str] | None) -> tuple[rig.TopicSource, ...]:
-    """The requested topics of a sequence, sorted by name; None for all.
+    """Return the requested topics of a sequence, sorted by name; None for all.
 
     Raises:
         DataError: R2B307, or R2B308 for a topic that the sequence does not have.
@@ -99,7 +99,7 @@ def select_sources(name: str, topics: Collection[str] | None) -> tuple[rig.Topic
 
 
 def bounded_window(name: str, window: recording.TimeWindow | None) -> recording.TimeWindow:
-    """A window with both ends, inside the sequence.
+    """Return a window with both ends, inside the sequence.
 
     Raises:
         DataError: the window is empty or leaves the sequence (R2B309).
@@ -134,7 +134,9 @@ def describe(
     topics: Collection[str] | None = None,
     window: recording.TimeWindow | None = None,
 ) -> recording.BagIndex:
-    """The index that the dataset will have in sqlite3, with exact counts; nothing is rendered.
+    """Return the index that the dataset will have in sqlite3, with exact counts.
+
+    Nothing is rendered.
 
     Args:
         name: sequence name.
@@ -240,7 +242,7 @@ _whole_index = cache(describe)
 
 
 def known_datasets() -> tuple[str, ...]:
-    """The names of all synthetic and recorded datasets, sorted.
+    """Return the names of all synthetic and recorded datasets, sorted.
 
     Raises:
         DataError: ``$R2B_DATASETS`` is no folder (R2B301).
@@ -251,12 +253,12 @@ def known_datasets() -> tuple[str, ...]:
 
 
 def _expanded(path: str) -> str:
-    """A path with the home folder in place of ``~``."""
+    """Return a path with the home folder in place of ``~``."""
     return os.path.expanduser(path)  # noqa: PTH111 - that of pathlib raises for unknown users
 
 
 def _datasets_folder() -> Path | None:
-    """The folder of recorded datasets; None if the variable is not set."""
+    """Return the folder of recorded datasets; None if the variable is not set."""
     value = os.environ.get(DATASETS_VARIABLE) or ""
     if not value:
         return None

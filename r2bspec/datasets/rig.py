@@ -184,7 +184,7 @@ def message_bytes(source: TopicSource) -> int:
 
 
 def _fields(source: TopicSource) -> tuple[str | tuple[int, int], ...]:
-    """The fields of a message after its header: strings, or count and size of numbers."""
+    """Return the fields of a message after its header: strings, or count and size of numbers."""
     if source.type == IMAGE and source.camera is not None:
         camera = source.camera
         pixels = camera.width * camera.height * camera.bytes_per_pixel

@@ -78,19 +78,19 @@ class Page(msgspec.Struct, frozen=True):
 
 
 def all_pages() -> dict[str, Page]:
-    """Every page by its code, in the order of the codes."""
+    """Return every page by its code, in the order of the codes."""
     codes = sorted(file.stem for file in _FOLDER.glob("R2B*.md"))
     return {code: page for code in codes if (page := find_page(code)) is not None}
 
 
 def page_file(code: str) -> Path:
-    """The file of the page of a code; editors link to it."""
+    """Return the file of the page of a code; editors link to it."""
     return _FOLDER / f"{code}.md"
 
 
 @cache
 def find_page(code: str) -> Page | None:
-    """The page of one code; None for a code without a page."""
+    """Return the page of one code; None for a code without a page."""
     if not _CODE.fullmatch(code):
         return None
     try:
@@ -101,7 +101,7 @@ def find_page(code: str) -> Page | None:
 
 
 def parse_page(text: str) -> Page:
-    """A page from its file.
+    """Return a page from its file.
 
     Raises:
         ValueError: it does not have the form of a page.

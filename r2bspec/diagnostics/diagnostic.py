@@ -45,12 +45,12 @@ class Span(msgspec.Struct, frozen=True, gc=False):
 
     @classmethod
     def of_file(cls, file: str) -> Span:
-        """The beginning of a file, for problems without a more specific place."""
+        """Return the beginning of a file, for problems without a more specific place."""
         return cls(file, 1, 1, 1, 1)
 
 
 def split_lines(text: str) -> list[str]:
-    """The lines of a text as YAML splits them, without line breaks."""
+    """Return the lines of a text as YAML splits them, without line breaks."""
     return LINE_BREAK.split(text)
 
 
@@ -114,7 +114,7 @@ class Diagnostic(msgspec.Struct, frozen=True, gc=False):
         help_text: str = "",
         **parts: Unpack[DiagnosticParts],
     ) -> Diagnostic:
-        """An error."""
+        """Return an error."""
         return cls(code, Severity.ERROR, message, span, help=help_text, **parts)
 
     @property
@@ -124,7 +124,7 @@ class Diagnostic(msgspec.Struct, frozen=True, gc=False):
 
 
 def format_path(path: Path) -> str:
-    """A path as text: ``graph.nodes.resize.remappings``, ``rates[0]``."""
+    """Return a path as text: ``graph.nodes.resize.remappings``, ``rates[0]``."""
     text = ""
     for part in path:
         if isinstance(part, int):

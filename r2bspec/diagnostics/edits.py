@@ -61,17 +61,20 @@ def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]
 
 
 def apply_edits(text: str, edits: Iterable[Edit]) -> str:
-    """The text after the edits; of edits that overlap or touch, only the first is applied."""
+    """Return the text after the edits.
+
+    Of edits that overlap or touch, only the first is applied.
+    """
     return _spliced(text, _non_overlapping(text, edits))
 
 
 def applicable_together(text: str, edits: Iterable[Edit]) -> list[Edit]:
-    """The edits that `apply_edits` applies, in the order of their places."""
+    """Return the edits that `apply_edits` applies, in the order of their places."""
     return [edit for _, edit in _non_overlapping(text, edits)]
 
 
 def unified_diff(before: str, after: str, file: str) -> str:
-    """The unified diff of two texts; empty if they are equal."""
+    """Return the unified diff of two texts; empty if they are equal."""
     import difflib
 
     name = file.lstrip("/")
@@ -110,7 +113,7 @@ def _non_overlapping(text: str, edits: Iterable[Edit]) -> list[tuple[tuple[int, 
 
 
 def _offsets(span: Span, starts: Sequence[int], text: str) -> tuple[int, int] | None:
-    """The offsets of a span in the text, or None if it is outside of the text."""
+    """Return the offsets of a span in the text, or None if it is outside of the text."""
     if not (0 < span.line <= span.end_line <= len(starts) and span.column > 0):
         return None
     start = starts[span.line - 1] + span.column - 1

@@ -31,7 +31,7 @@ _MARK_COMMAND_OF_JSON = re.compile(rb"#(?=#\w*\[)")
 
 
 def plain(text: str) -> str:
-    """The text with every character that controls a terminal replaced; lines stay."""
+    """Return the text with every character that controls a terminal replaced; lines stay."""
     if text.isascii() and text.isprintable():
         return text
     return _ANY_CONTROL.sub(REPLACEMENT, text)
@@ -51,14 +51,14 @@ def escaped_json(content: bytes) -> bytes:
 
 
 def without_commands(text: str) -> str:
-    """The text with a space inside what a runner would take for a command."""
+    """Return the text with a space inside what a runner would take for a command."""
     if "::" in text:
         text = _LINE_COMMAND.sub(r"\1: ", text)
     return _MARK_COMMAND.sub("# ", text) if "##" in text else text
 
 
 def harmless(text: str, *, styled: bool = False, commands: bool = False) -> str:
-    """The text without control characters and commands.
+    """Return the text without control characters and commands.
 
     Args:
         text: what is to be shown.
@@ -79,7 +79,7 @@ MAX_LINE_CHARACTERS: Final = 4_000
 
 
 def short_lines(text: str, most: int = MAX_LINE_CHARACTERS) -> str:
-    """The text with every line that is longer than `most` characters cut in its middle.
+    """Return the text with every line that is longer than `most` characters cut in its middle.
 
     A message ends with its reason, which may stand behind a long name.
     """
@@ -93,7 +93,7 @@ def short_lines(text: str, most: int = MAX_LINE_CHARACTERS) -> str:
 
 
 def message_text(text: str) -> str:
-    """A message of one line, and its details below it, indented.
+    """Return a message of one line, and its details below it, indented.
 
     Details, such as the last output of a process, follow a colon and a line break, or are indented
     already. Any other line break is of a name: it would let what follows look like a message of its
@@ -106,7 +106,7 @@ def message_text(text: str) -> str:
 
 
 def plain_values(value: T) -> T:
-    """The same value with every text inside it plain: keys, too."""
+    """Return the same value with every text inside it plain: keys, too."""
     changed: Any = _plain_value(value)
     return value if changed is None else changed
 
@@ -119,7 +119,7 @@ def _text_fields(kind: type[msgspec.Struct]) -> tuple[str, ...]:
 
 
 def _plain_value(value: Any) -> Any:
-    """A changed copy; None where nothing changes, which is the usual case."""
+    """Return a changed copy; None where nothing changes, which is the usual case."""
     if value is None or isinstance(value, float | int):
         return None
     if isinstance(value, str):

@@ -28,31 +28,31 @@ MAX_SHOWN_CHARS = 60
 
 
 def printable(text: str) -> str:
-    """The text with every control character replaced by U+FFFD."""
+    """Return the text with every control character replaced by U+FFFD."""
     if text.isprintable():
         return text
     return "".join(char if char.isprintable() else "\ufffd" for char in text)
 
 
 def printable_lines(text: str) -> str:
-    """The same, but line breaks stay: for formats that have several lines in a value."""
+    """Return the same, but line breaks stay: for formats that have several lines in a value."""
     return "\n".join(map(printable, text.splitlines()))
 
 
 def clip(text: str, max_length: int = MAX_SHOWN_CHARS) -> str:
-    """The text on one line, truncated to `max_length` characters."""
+    """Return the text on one line, truncated to `max_length` characters."""
     short = text[: max_length + 1]
     line = printable(short.replace("\n", "⏎").replace("\t", " "))
     return line if len(line) <= max_length else line[: max_length - 1] + "…"
 
 
 def quote(text: str) -> str:
-    """The text in single quotes, truncated."""
+    """Return the text in single quotes, truncated."""
     return f"'{clip(text)}'"
 
 
 def did_you_mean(wrong: str, known: Iterable[str]) -> str:
-    """The known name most similar to `wrong`, or an empty string if none is similar.
+    """Return the known name most similar to `wrong`, or an empty string if none is similar.
 
     Case is ignored. 0.6 is a ratio of `difflib`, at which one typing error in a word of three
     letters is still found. Only the first thousand names are compared, so that a large file with
@@ -111,7 +111,7 @@ def first_words(words: Sequence[str], most: int) -> str:
 
 
 def suggestion(wrong: str, known: Iterable[str], what: str) -> str:
-    """The help for an unknown name: the known name that is close, or else all known names.
+    """Return the help for an unknown name: the known name that is close, or else all known names.
 
     Args:
         wrong: the unknown name.
@@ -131,7 +131,7 @@ def pluralize(number: int, noun: str) -> str:
 
 
 def time_text(seconds: float) -> str:
-    """A time for people, rounded up: ``40 s``, ``2 min 30 s``, ``1 h 20 min``."""
+    """Return a time for people, rounded up: ``40 s``, ``2 min 30 s``, ``1 h 20 min``."""
     if seconds < 10:
         return f"{math.ceil(seconds)} s"
     if seconds <= 115:

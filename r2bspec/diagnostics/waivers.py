@@ -67,7 +67,7 @@ def apply_waivers(
     known: Callable[[], Mapping[str, str]],
     complete: bool,
 ) -> list[Diagnostic]:
-    """The findings that are not waived, and what is wrong with the waivers themselves.
+    """Return the findings that are not waived, and what is wrong with the waivers themselves.
 
     Args:
         found: all findings.
@@ -114,7 +114,7 @@ def apply_waivers(
 
 
 def effective_waivers(texts: Mapping[str, str], slugs: Mapping[str, str]) -> Iterator[Waiver]:
-    """The waivers in some texts that give a reason and name a code that exists.
+    """Yield the waivers in some texts that give a reason and name a code that exists.
 
     Args:
         texts: by file name.
@@ -132,12 +132,15 @@ def _has_too_many_comments(text: str) -> bool:
 
 
 def may_contain_waiver(text: str) -> bool:
-    """Whether a text may contain a waiver: quick; a value that looks like a comment counts, too."""
+    """Return whether a text may contain a waiver: quick.
+
+    A value that looks like a comment counts, too.
+    """
     return _COMMENT.search(text) is not None
 
 
 def waivers_in(text: str, file: str) -> Iterator[Waiver]:
-    """Every waiver in the comments of a text."""
+    """Yield every waiver in the comments of a text."""
     if not may_contain_waiver(text) or _has_too_many_comments(text):
         return
     lines = split_lines(text)
@@ -210,7 +213,7 @@ def _value_spans(text: str) -> _SpanSet:
 
 
 def _with_code(waiver: Waiver, slugs: Mapping[str, str]) -> Waiver:
-    """The waiver with the code that it names by number or by slug."""
+    """Return the waiver with the code that it names by number or by slug."""
     code = waiver.written.upper()
     if code in slugs:
         return replace(waiver, code=code)

@@ -42,7 +42,7 @@ def advised(
     *,
     otherwise: Status = "warn",
 ) -> CheckResult:
-    """The result of a check that is fine unless there is something to do."""
+    """Return the result of a check that is fine unless there is something to do."""
     return CheckResult(topic, name, otherwise if advice else "ok", found, advice, data or {})
 
 
@@ -59,13 +59,13 @@ class System:
 
 
 def worst_status(checks: list[CheckResult]) -> Status:
-    """The worst status, which is that of the machine."""
+    """Return the worst status, which is that of the machine."""
     statuses = {check.status for check in checks}
     return next((status for status in _WORST if status in statuses), "ok")
 
 
 def read_text(path: Path) -> str | None:
-    """The content of a file of the kernel; None if it does not exist."""
+    """Return the content of a file of the kernel; None if it does not exist."""
     try:
         return path.read_text(errors="replace").strip()
     except OSError:
@@ -73,6 +73,6 @@ def read_text(path: Path) -> str | None:
 
 
 def read_int(path: Path) -> int | None:
-    """The number in a file of the kernel; None if there is none."""
+    """Return the number in a file of the kernel; None if there is none."""
     text = read_text(path)
     return int(text) if text is not None and text.removeprefix("-").isdigit() else None

@@ -37,7 +37,7 @@ _INSTALL = f"source a ROS 2 installation, or {install_command('ros')}"
 
 
 def check_ros(system: System) -> list[CheckResult]:
-    """The distributions that can be seen, rclpy, the middleware and the message packages."""
+    """Return the distributions that can be seen, rclpy, the middleware and the message packages."""
     import_result = probe_imports(system, _MIDDLEWARE)[_MIDDLEWARE]
     checks = [_distributions(system)]
     if "error" in import_result:
@@ -53,7 +53,7 @@ def check_ros(system: System) -> list[CheckResult]:
 
 
 def _advice(system: System, error: str) -> str:
-    """What to do about an error of importing rclpy or loading its middleware."""
+    """Return what to do about an error of importing rclpy or loading its middleware."""
     if "ModuleNotFoundError" in error:
         return _INSTALL
     selected = system.environ.get(RMW_VARIABLE, "")
@@ -116,7 +116,7 @@ def _middleware(system: System, used: str) -> CheckResult:
 
 
 def _refused_transport(system: System, used: str) -> Iterator[str]:
-    """Why runs with the default transport are refused, or configure another one."""
+    """Yield why runs with the default transport are refused, or configure another one."""
     refusal = refuse_transport("shared_memory", used)
     if refusal is not None:
         yield f"the default {refusal.message}: {refusal.help}"
@@ -153,7 +153,10 @@ _TIMEOUT_S = 60.0
 
 
 def probe_imports(system: System, *names: str) -> dict[str, dict[str, Any]]:
-    """The results of `r2bspec.doctor.import_probe` for these modules; a timeout is an error."""
+    """Return the results of `r2bspec.doctor.import_probe` for these modules.
+
+    A timeout is an error.
+    """
     command = [system.python, "-P", "-m", "r2bspec.doctor.import_probe", *names]
     try:
         done = subprocess.run(

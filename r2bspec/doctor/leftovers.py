@@ -103,7 +103,10 @@ def _processes(proc: Path) -> Iterator[Process]:
 
 
 def _run_of_process(folder: Path) -> str:
-    """The run of a process of this user; what others run is not ours to judge, nor to end."""
+    """Return the run of a process of this user.
+
+    What others run is not ours to judge, nor to end.
+    """
     try:
         if folder.stat().st_uid != os.geteuid():
             return ""
@@ -174,7 +177,7 @@ def _is_old(folder: Path) -> bool:
 
 
 def _run_of_folder(folder: Path) -> str:
-    """The run of a folder; empty if its record cannot be read."""
+    """Return the run of a folder; empty if its record cannot be read."""
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         return str(json.loads((folder / "record.json").read_bytes())["run_id"])
     return ""

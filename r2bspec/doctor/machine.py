@@ -101,7 +101,7 @@ def _load(system: System, sleep: Callable[[float], object]) -> CheckResult | Non
 
 
 def _ticks(system: System) -> list[int] | None:
-    """The total time of all cores in ticks: the first eight fields of ``cpu``."""
+    """Return the total time of all cores in ticks: the first eight fields of ``cpu``."""
     text = read_text(system.proc / "stat")
     words = text.splitlines()[0].split() if text else []
     if len(words) < 9 or words[0] != "cpu":
@@ -118,7 +118,7 @@ _SIZES = (("1280x720 rgb8", 1280 * 720 * 3), ("1920x1200 rgb8", 1920 * 1200 * 3)
 
 
 def check_shared_memory(system: System) -> list[CheckResult]:
-    """How much is free, and how many processes that exchange images it holds."""
+    """Return how much is free, and how many processes that exchange images it holds."""
     middleware = middleware_of(system.environ)
     if not middleware.uses_shared_memory:
         text = f"not used by a run with {middleware.name}"

@@ -41,7 +41,7 @@ _EARLIER_NS = 100_000_000
 
 
 def room_bytes(plan: Plan) -> int:
-    """The size of the file that each process of a start gets for its events."""
+    """Return the size of the file that each process of a start gets for its events."""
     topics = len(plan.topics) + len(plan.inputs)
     steps = sum(
         max(play.rate_hz, 1.0) * play.duration_ns / 1e9 * play.iterations for play in plan.plays
@@ -101,7 +101,7 @@ class AnatomyObservation:
         self._reader = AnatomyReader(self.files)
 
     def environment(self, process: ProcessPlan, variables: Mapping[str, str]) -> dict[str, str]:
-        """The environment of a process, by which it is observed if the plan says so."""
+        """Return the environment of a process, by which it is observed if the plan says so."""
         if not self._plan.observes(process):
             return dict(variables)
         preloaded, room = variables.get("LD_PRELOAD", ""), self._room_bytes
@@ -130,7 +130,7 @@ class AnatomyObservation:
         return ObservedRows(rows, self.record)
 
     def _missing(self, processes: tuple[AnatomyProcess, ...]) -> Iterator[str]:
-        """What was not observed, a sentence each."""
+        """Yield what was not observed, a sentence each."""
         if self._reader.unread:
             yield f"{self._reader.unread} more processes have events; they were not read."
         lost = {process.name: process.lost for process in processes if process.lost}

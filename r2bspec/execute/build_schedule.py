@@ -214,7 +214,10 @@ def _unless_all_zero(offsets: list[list[int]]) -> tuple[tuple[int, ...], ...]:
 
 
 def _steps(found: list[_TimedMessage]) -> tuple[dict[_StepKey, int], dict[_StepKey, int]]:
-    """The start and the inputs of each step, in order of time; messages get the keys of theirs."""
+    """Return the start and the inputs of each step, in order of time.
+
+    Messages get the keys of theirs.
+    """
     counts: Counter[tuple[int, int | None]] = Counter()
     first_ns: dict[_StepKey, int] = {}
     masks: dict[_StepKey, int] = {}
@@ -243,7 +246,7 @@ def _unique_stamps(keys: Iterable[_StepKey]) -> dict[_StepKey, int]:
 def _transform_messages(
     transforms: BufferIndex, start_ns: int, length_ns: int, speed: float, column: int
 ) -> list[TimelineMessage]:
-    """The transforms of a round; those from shortly before its beginning are due with it."""
+    """Return the transforms of a round; those from shortly before its beginning are due with it."""
     return [
         TimelineMessage(round(max(0, time_ns - start_ns) / speed), NO_STEP, column, position)
         for position, time_ns in enumerate(transforms.times_ns)
@@ -318,7 +321,9 @@ def _unplayed(
     cause: Literal["partner", "recording"],
     note: Callable[[str], None],
 ) -> tuple[UnplayedMessages, ...]:
-    """The messages that are left out, by input, each noted; `left_out` counts them by buffer.
+    """Return the messages that are left out, by input, each noted.
+
+    `left_out` counts them by buffer.
 
     Raises:
         UnpairedInputError: of some input these are most, and the plan does not agree.
@@ -354,7 +359,7 @@ def _cyclic_schedule(
     transforms: BufferIndex | None,
     note: Callable[[str], None],
 ) -> tuple[CyclicSchedule, tuple[UnplayedMessages, ...]]:
-    """The schedule of a plan without times.
+    """Return the schedule of a plan without times.
 
     Raises:
         UnpairedInputError: most messages of an input have no partner, and the spec does not agree.
@@ -394,7 +399,7 @@ def _cyclic_schedule(
 def _with_recorded_times(
     plan: InputPlan, index: BufferIndex, sources: list[BufferIndex]
 ) -> BufferIndex:
-    """The index with the times of the recording instead of those of the preprocessing."""
+    """Return the index with the times of the recording instead of those of the preprocessing."""
     if plan.bag_topic:
         return index
     times_ns = times_by_stamp(sources)
@@ -405,7 +410,7 @@ def _with_recorded_times(
 
 
 def _load_input(folder: Path, plan: InputPlan, has_header: bool) -> BufferIndex:
-    """The index of an input, with the stamps of a clock that is right."""
+    """Return the index of an input, with the stamps of a clock that is right."""
     index = _load_index(folder, plan.source, has_header)
     if not plan.ahead_ns or not index.has_header:
         return index
@@ -512,7 +517,7 @@ def _no_common_stamp(inputs: list[BufferIndex], slop_ns: int) -> RunError:
 def _offsets_from_latest(
     inputs: list[BufferIndex], steps: Sequence[tuple[int, ...]]
 ) -> tuple[tuple[int, ...], ...]:
-    """The stamps of each step relative to its latest one; 0 for inputs without a header."""
+    """Return the stamps of each step relative to its latest one; 0 for inputs without a header."""
     offsets = []
     for step in steps:
         stamps = [
@@ -525,7 +530,7 @@ def _offsets_from_latest(
 
 
 def playback_order(steps: tuple[tuple[int, ...], ...], mode: str) -> tuple[tuple[int, ...], ...]:
-    """The steps of one round of playback.
+    """Return the steps of one round of playback.
 
     Looping continues with the first step after the last one. Sweeping goes back step by step, so
     that consecutive steps are always close in the recording; the first and the last step are
@@ -537,7 +542,7 @@ def playback_order(steps: tuple[tuple[int, ...], ...], mode: str) -> tuple[tuple
 def place_between(
     number: int, index: BufferIndex, steps: Sequence[tuple[int, ...]], inputs: Sequence[BufferIndex]
 ) -> list[BetweenMessage]:
-    """The messages of one input between the steps of a round.
+    """Return the messages of one input between the steps of a round.
 
     Where it and an input of the steps have headers, their stamps are compared, otherwise, or if no
     stamp is in the round because they are of different clocks, the times of recording. What was
@@ -584,7 +589,7 @@ def _between_steps(
 
 
 def step_intervals(times_ns: Sequence[int]) -> Iterator[tuple[int, int, int]]:
-    """The number of each step of a round, its time, and that of the next one.
+    """Yield the number of each step of a round, its time, and that of the next one.
 
     The last interval of a round that only goes forwards is as long as the mean one.
     """
@@ -618,7 +623,7 @@ def place_transforms(
     steps: Sequence[tuple[int, ...]],
     inputs: Sequence[BufferIndex],
 ) -> list[BetweenMessage]:
-    """The positions of recorded transforms in a round of steps without times.
+    """Return the positions of recorded transforms in a round of steps without times.
 
     Between two steps the transforms are distributed as in the recording: one that was recorded at
     a third of the interval is played at a third of it, at any rate. The differences of its stamps
@@ -644,7 +649,7 @@ def place_transforms(
 
 
 def _lag_ns(step: tuple[int, ...], inputs: Sequence[BufferIndex], time_ns: int) -> int:
-    """The stamp of a step minus the time of its recording; usually negative."""
+    """Return the stamp of a step minus the time of its recording; usually negative."""
     for index, position in zip(inputs, step, strict=True):
         if index.has_header:
             return index.stamps_ns[position] - time_ns

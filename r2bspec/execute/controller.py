@@ -472,7 +472,7 @@ class _Run:
             )
 
     def _launcher(self, phase: str = MEASURE_PHASE) -> Launcher:
-        """A launcher whose transport is sized for the largest buffered message.
+        """Return a launcher whose transport is sized for the largest buffered message.
 
         Preprocessors may publish larger messages than those in the bag, so each phase has its own.
         """
@@ -507,7 +507,7 @@ class _Run:
         return judge_confirmation(self._plan.objectives, samples.confirmation, failed, policy)
 
     def _samples_so_far(self) -> RunSamples:
-        """The samples of everything that has been played, as if the run had ended now."""
+        """Return the samples of everything that has been played, as if the run had ended now."""
         # If the run is killed before its next look, its folder has the samples of this one.
         self._write_resource_samples()
         samples = {
@@ -538,21 +538,21 @@ class _Run:
         self._context.folder.write_record(self._record(killed))
 
     def _provenance(self) -> dict[str, Any]:
-        """The recordings that were read; those after the first are under ``also``."""
+        """Return the recordings that were read; those after the first are under ``also``."""
         if not self._datasets:
             return {}
         first, *others = self._datasets
         return first | ({"also": others} if others else {}) | {"played": self._played}
 
     def _differences(self, failure: BaseException | None) -> tuple[Difference, ...]:
-        """The differences between the graph and the plan, without duplicates."""
+        """Return the differences between the graph and the plan, without duplicates."""
         found = [each for launcher in self._launchers for each in launcher.differences]
         if isinstance(failure, errors.GraphDifferencesError):
             found += failure.differences
         return tuple(dict.fromkeys(found))
 
     def _anatomies(self) -> tuple[AnatomyRecord, ...]:
-        """What was observed from inside in each start, and why one more start was not."""
+        """Return what was observed from inside in each start, and why one more start was not."""
         observed = {
             start.number: start.anatomy.record
             for start in self._starts.starts

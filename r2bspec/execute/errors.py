@@ -84,7 +84,7 @@ class ProcessDiedError(RunError):
         self.output = output
 
     def while_doing(self, what: str, node: str) -> ProcessDiedError:
-        """The same, with what it was doing for which node."""
+        """Return the same, with what it was doing for which node."""
         error = ProcessDiedError(f"{what}: {self}", hint=self.hint)
         error.blamed = node
         return error

@@ -59,7 +59,7 @@ class Experiment(ABC, Generic[Unit]):
 
     @abstractmethod
     def planned(self) -> Sequence[Unit]:
-        """All units that may be played, in their order."""
+        """Return all units that may be played, in their order."""
 
     @abstractmethod
     def play(self, unit: Unit) -> None:
@@ -74,18 +74,18 @@ class Experiment(ABC, Generic[Unit]):
         """Judge what was played."""
 
     def counted(self) -> list[RequirementVerdict]:
-        """The requirements on which the outcome depends."""
+        """Return the requirements on which the outcome depends."""
         return [one for one in self.verdict.requirements if one.level == "error"]
 
     def on_decision(self) -> None:
         """Say that a look has decided before the last planned unit."""
 
     def unusable(self) -> Unit | None:
-        """The last unit, to be played again because it cannot be judged; mostly None."""
+        """Return the last unit, to be played again because it cannot be judged; mostly None."""
         return None
 
     def affected(self) -> Unit | None:
-        """A disturbed unit to be played again; None if none can change the outcome."""
+        """Return a disturbed unit to be played again; None if none can change the outcome."""
         return None
 
     @abstractmethod

@@ -176,7 +176,7 @@ def _buffer_latched(
 def _read_bag(
     dataset: DatasetPlan, bag: Path, window: TimeWindow, wanted: Collection[str]
 ) -> Iterator[tuple[int, str, RecordedMessage]]:
-    """The messages of a bag that are read, each after its time and its topic in the graph.
+    """Yield the messages of a bag that are read, each after its time and its topic in the graph.
 
     Of the events of a service, these are the requests of one side.
     """
@@ -219,7 +219,7 @@ def _buffer_static(
 
 
 def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[TimeWindow]:
-    """The windows of the bags, each relative to the start of its own bag."""
+    """Return the windows of the bags, each relative to the start of its own bag."""
     if len(bags) == 1:
         # Reading it indexes it anyway, which takes long where a recording has no index.
         return [TimeWindow(start_ns=datasets[0].start_ns, end_ns=datasets[0].end_ns)]

@@ -125,7 +125,7 @@ def wait_until_matched(
 
 
 def subscription_counts(graph: PhaseGraph, topics: Iterable[str]) -> dict[str, int]:
-    """How many subscriptions topics have among the Python nodes that have been started."""
+    """Return how many subscriptions topics have among the Python nodes that have been started."""
     subscribed = Counter(
         topic for _, topic, _, does in graph.launcher.endpoints if does == "subscribes"
     )

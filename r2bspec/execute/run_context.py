@@ -76,7 +76,7 @@ class HostWatch:
         return interference_of(interference)
 
     def _rows_until(self, time_ns: int) -> Rows:
-        """The samples, with one after this time if the sampler still runs."""
+        """Return the samples, with one after this time if the sampler still runs."""
         deadline = time.monotonic() + _SAMPLE_TIMEOUT_S
         self.resources.sample_at(time.monotonic_ns())
         while True:
@@ -87,7 +87,7 @@ class HostWatch:
 
 
 def interference_of(found: HostInterference | None) -> Interference:
-    """What was sampled, in words and as a share."""
+    """Return what was sampled, in words and as a share."""
     reasons = interference_reasons(found)
     return Interference(reasons, taken_share(found)) if reasons else Interference()
 
@@ -123,7 +123,7 @@ class TimeBudget:
         return 0.0 if self._began_s is None else time.monotonic() - self._began_s
 
     def allows(self, what: str, seconds: float) -> bool:
-        """Whether a part is expected to fit; if not, it is noted.
+        """Return whether a part is expected to fit; if not, it is noted.
 
         Args:
             what: the note, such as ``no confirmation run``.

@@ -30,16 +30,16 @@ class SegmentProgress(Protocol):
     """The progress of a segment; each value is computed only when it is requested."""
 
     def sent(self) -> int:
-        """How many steps have been published."""
+        """Return how many steps have been published."""
 
     def received(self) -> int:
-        """How many messages have been received: the minimum over all monitors."""
+        """Return how many messages have been received: the minimum over all monitors."""
 
     def p99_ns(self) -> int | None:
-        """The p99 of the latest latencies; None before the first message."""
+        """Return the p99 of the latest latencies; None before the first message."""
 
     def cores(self) -> Mapping[str, float]:
-        """The recent CPU use of each process, in cores."""
+        """Return the recent CPU use of each process, in cores."""
 
 
 class Progress:
@@ -204,7 +204,7 @@ class PhaseClock:
             waits[what] = count + 1, took_ns + time.monotonic_ns() - began_ns
 
     def phases(self) -> tuple[PhaseTime, ...]:
-        """All phases; the last one, which runs, as if it ended now."""
+        """Return all phases; the last one, which runs, as if it ended now."""
         waits = [
             WaitTime(what=what, count=count, took_ns=took_ns)
             for what, (count, took_ns) in self._waits.items()

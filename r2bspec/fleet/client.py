@@ -52,7 +52,7 @@ class Host(NamedTuple):
     facts: HostFacts | None
 
     def lacks(self, plan: Plan) -> tuple[str, ...]:
-        """What keeps this host from making a run, each as a clause; nothing if it fits."""
+        """Return what keeps this host from making a run, each as a clause; nothing if it fits."""
         if self.facts is None:
             return ("it has no r2bspec",)
         if self.facts.version != __version__:

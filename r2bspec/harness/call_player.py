@@ -119,7 +119,7 @@ class _Exchange:
         self.handle: Any = self._client.handle
 
     def is_there(self) -> bool:
-        """Whether a node offers the service."""
+        """Return whether a node offers the service."""
         return bool(self._client.service_is_ready())
 
     def send(self, request: Any, sent_with: Any) -> None:
@@ -175,7 +175,7 @@ class _Call:
         self._has_failed = False
 
     def is_there(self) -> bool:
-        """Whether a node offers all of it."""
+        """Return whether a node offers all of it."""
         return all(exchange.is_there() for exchange in self.exchanges)
 
     def take_step(self, step: _Step, position: int | None = None) -> None:
@@ -196,7 +196,7 @@ class _Call:
 
 
 def _requests(plan: CallPlan, buffer_dir: Path, service: Any, make: Callable[[], Any]) -> list[Any]:
-    """The requests or the goals of a call, in turn.
+    """Return the requests or the goals of a call, in turn.
 
     Args:
         plan: of the call.
@@ -331,7 +331,7 @@ class _FollowedSteps:
         self.latest_ns = 0
 
     def take(self) -> list[_Step]:
-        """The steps that have been played since the last call."""
+        """Return the steps that have been played since the last call."""
         if self._reader.count() <= self._taken:
             return []
         rows = self._reader.read(self._taken)

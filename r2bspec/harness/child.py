@@ -158,7 +158,7 @@ def _failure(error: Exception) -> protocol.Failed:
 
 
 def _root(error: BaseException) -> BaseException:
-    """The error that began what ended with an error."""
+    """Return the error that began what ended with an error."""
     cause = error.__cause__ or error.__context__
     return error if cause is None else _root(cause)
 

@@ -132,7 +132,7 @@ def _remappings(node: dict[str, Any]) -> Iterator[str]:
 
 
 def _parameters(node: dict[str, Any]) -> dict[str, Any]:
-    """The parameters, with the values of environment variables that they refer to."""
+    """Return the parameters, with the values of environment variables that they refer to."""
 
     def value_of(value: Any) -> Any:
         if isinstance(value, list):

@@ -19,7 +19,7 @@ from typing import Any
 
 
 def generate_launch_description() -> Any:
-    """The function that ``ros2 launch`` calls."""
+    """Return the function that ``ros2 launch`` calls."""
     # The launch packages are part of a full ROS installation, but not of its wheels.
     launch = importlib.import_module("launch")
     actions = importlib.import_module("launch.actions")
@@ -37,7 +37,7 @@ def generate_launch_description() -> Any:
 
 
 def _launch_arguments(argv: list[str]) -> dict[str, str]:
-    """The launch arguments on the command line, ``name:=value`` each."""
+    """Return the launch arguments on the command line, ``name:=value`` each."""
     pairs = (word.partition(":=") for word in argv if ":=" in word)
     return {name: value for name, _, value in pairs}
 

@@ -107,7 +107,7 @@ class Inspector:
         )
 
     def _topics(self, name: str, namespace: str) -> dict[str, dict[str, Any]]:
-        """What a node subscribes to and publishes, with types, and the QoS profiles."""
+        """Return what a node subscribes to and publishes, with types, and the QoS profiles."""
         node = self._node
         subscribed = node.get_subscriber_names_and_types_by_node(name, namespace)
         published = node.get_publisher_names_and_types_by_node(name, namespace)
@@ -134,7 +134,10 @@ class Inspector:
         }
 
     def _relative_name(self, full: str, node: str) -> str:
-        """The name that a node itself may use for a topic; in the whole graph, the full name."""
+        """Return the name that a node itself may use for a topic.
+
+        In the whole graph, the full name.
+        """
         if not self._namespace:
             return full
         inside = f"{self._namespace}/"
@@ -165,12 +168,12 @@ class Inspector:
         }
 
     def _call(self, kind: Any, name: str, request: Any) -> Any:
-        """The response of a service; None if there is none."""
+        """Return the response of a service; None if there is none."""
         return rclpy_tools.ask_services(self._node, kind, [name], _CALL_S, request).get(name)
 
 
 def _profile(qos: Any) -> dict[str, str]:
-    """The fields of a profile that discovery shows, which do not include the depth."""
+    """Return the fields of a profile that discovery shows, which do not include the depth."""
     shown = {
         "reliability": "best_effort" if qos.reliability.name == "BEST_EFFORT" else "reliable",
         "durability": "transient_local" if qos.durability.name == "TRANSIENT_LOCAL" else "volatile",
@@ -183,7 +186,7 @@ def _profile(qos: Any) -> dict[str, str]:
 
 
 def _default_value(value: Any) -> dict[str, Any]:
-    """The value of a parameter."""
+    """Return the value of a parameter."""
     name = _PARAMETER_TYPES[value.type]
     if not name:
         return {}

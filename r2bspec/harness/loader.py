@@ -89,7 +89,7 @@ class TopicRecorder:
         self._sources = sources
 
     def answered(self, stamp_ns: int) -> bool:
-        """Whether the output of a source message has arrived."""
+        """Return whether the output of a source message has arrived."""
         return stamp_ns in self._answers or self._unmatched_count > self._sources[stamp_ns]
 
     def drain(self) -> int:
@@ -224,7 +224,7 @@ class Loader(GraphParticipant):
         return protocol.Loaded(published=published, recorded=recorded)
 
     def _sources(self, *, real_time: bool) -> list[_SourceMessage]:
-        """All source messages in the order of publication, by time.
+        """Return all source messages in the order of publication, by time.
 
         Messages with the same stamp follow each other, at the time of the last one; in real time,
         each message has its own time.
@@ -243,7 +243,7 @@ class Loader(GraphParticipant):
         return sorted(message._replace(turn_ns=last_ns[message.stamp_ns]) for message in messages)
 
     def _index(self, topic: str) -> buffers.BufferIndex:
-        """The index of a buffer, with the header stamps of types that only ROS knows."""
+        """Return the index of a buffer, with the header stamps of types that only ROS knows."""
         index = buffers.read_index(self._folder, topic)
         if index.has_header is None and topic in self._settings.sources:
             header = rclpy_tools.begins_with_header(index.type)
@@ -256,7 +256,7 @@ class Loader(GraphParticipant):
         return index
 
     def _messages(self, sources: list[_SourceMessage]) -> dict[str, dict[int, bytearray]]:
-        """The messages that the publishers publish, by topic and position."""
+        """Return the messages that the publishers publish, by topic and position."""
         return {
             topic: buffers.read_messages(
                 self._folder,
@@ -331,7 +331,7 @@ class Loader(GraphParticipant):
         return len(stamps)
 
     def _interrupted(self) -> bool:
-        """Whether a command has arrived: while loading, this can only be the shutdown."""
+        """Return whether a command has arrived: while loading, this can only be the shutdown."""
         return self._channel.wait(0.0)
 
     def _answered(self, stamp_ns: int) -> bool:

@@ -47,7 +47,7 @@ _REGISTER = "_LifecycleNodeMixin__register_callback"
 
 
 def describe_nodes(nodes: Sequence[tuple[NodePlan, Node]]) -> protocol.Ready:
-    """The endpoints and parameters of nodes, and their differences from their plans."""
+    """Return the endpoints and parameters of nodes, and their differences from their plans."""
     declared = {plan.name: {*node.list_parameters([], 0).names} for plan, node in nodes}
     return protocol.Ready(
         endpoints=tuple(
@@ -70,7 +70,7 @@ def describe_nodes(nodes: Sequence[tuple[NodePlan, Node]]) -> protocol.Ready:
 
 
 def _unmatched(plan: NodePlan, node: Node) -> Iterator[tuple[str, str, str]]:
-    """The remappings whose target is not the name of any topic or service of the node.
+    """Yield the remappings whose target is not the name of any topic or service of the node.
 
     The names of an action or an image transport begin with the target.
     """
@@ -90,14 +90,14 @@ def _type_name(message_class: Any) -> str:
 
 
 def _executor(settings: protocol.ConfigureHost) -> Executor:
-    """The executor of the plan; 0 threads mean one per core."""
+    """Return the executor of the plan; 0 threads mean one per core."""
     if settings.executor == "multi_threaded":
         return MultiThreadedExecutor(num_threads=settings.threads or None)
     return SingleThreadedExecutor()
 
 
 def make_host(channel: Channel, settings: protocol.ConfigureHost) -> NodeHost | FunctionHost:
-    """The host of the nodes of one process.
+    """Return the host of the nodes of one process.
 
     Raises:
         NodeError: a node cannot be created, or cannot share its process.
@@ -292,7 +292,7 @@ class FunctionHost:
 
 
 def _is_of_constructor(error: BaseException) -> bool:
-    """Whether the constructor of a node has raised an exception."""
+    """Return whether the constructor of a node has raised an exception."""
     frames = (frame for frame, _ in traceback.walk_tb(error.__traceback__))
     return any(
         frame.f_code.co_name == "__init__" and isinstance(frame.f_locals.get("self"), Node)
@@ -329,7 +329,7 @@ class InProcessHarness:
 
 
 def _is_lifecycle_node(node: Node) -> bool:
-    """Whether a node has states."""
+    """Return whether a node has states."""
     mixin = _lifecycle_mixin()
     return mixin is not None and isinstance(node, mixin)
 
@@ -353,7 +353,7 @@ def _report_failed_transitions() -> None:
 
 
 def _lifecycle_mixin() -> Any:
-    """The class with the states; None as long as nobody has imported it."""
+    """Return the class with the states; None as long as nobody has imported it."""
     return getattr(sys.modules.get("rclpy.lifecycle"), "LifecycleNodeMixin", None)
 
 

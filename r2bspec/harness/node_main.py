@@ -57,7 +57,10 @@ def raised_text(error: BaseException) -> str:
 
 
 def module_files() -> tuple[str, ...]:
-    """The files of all modules that are imported; a node may have put anything into the table."""
+    """Return the files of all modules that are imported.
+
+    A node may have put anything into the table.
+    """
     files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
     return tuple(sorted({str(Path(file).absolute()) for file in files if isinstance(file, str)}))
 
@@ -72,7 +75,7 @@ def set_command_line(plan: NodePlan) -> None:
 
 
 def find_factory(target: str, base_dir: Path) -> Any:
-    """The class or function that ``module.Class`` or ``./file.py:Class`` names.
+    """Return the class or function that ``module.Class`` or ``./file.py:Class`` names.
 
     Raises:
         NodeError: the module or file cannot be imported, or has no such name.
@@ -129,7 +132,10 @@ def _import_module_of(file: Path, name: str) -> Any:
 
 
 def takes_keywords(factory: Any) -> bool:
-    """Whether a callable accepts the keyword arguments of `Node`; true if that is not known."""
+    """Return whether a callable accepts the keyword arguments of `Node`.
+
+    True if that is not known.
+    """
     try:
         signature = inspect.signature(factory)
     except (TypeError, ValueError):
@@ -142,7 +148,7 @@ def takes_keywords(factory: Any) -> bool:
 
 
 def ros_arguments(plan: NodePlan) -> Iterator[str]:
-    """The global ROS arguments of a node, without ``--ros-args``."""
+    """Yield the global ROS arguments of a node, without ``--ros-args``."""
     remappings = (f"{before}:={after}" for before, after in plan.remappings.items())
     for rule in (f"__node:={plan.node}", f"__ns:={plan.namespace}", *remappings):
         yield from ("-r", rule)
@@ -190,7 +196,7 @@ def _initialised_ros() -> Iterator[None]:
 
 
 def checked_node(plan: NodePlan, made: object) -> Node:
-    """What a factory has made, if it is the node of the plan.
+    """Return what a factory has made, if it is the node of the plan.
 
     Raises:
         NodeError: it is no node, or has not the name of the plan.

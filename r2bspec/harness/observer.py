@@ -50,7 +50,7 @@ _STATE_S = 2.0
 
 
 def lifecycle_nodes(services: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
-    """The nodes with a service that changes their state, of all services and their types."""
+    """Return the nodes with a service that changes their state, of all services and their types."""
     return sorted(
         name.removesuffix(_CHANGE)
         for name, types in services
@@ -71,7 +71,7 @@ def list_states(node: Node, command: protocol.ListLifecycle) -> protocol.Lifecyc
 
 
 def _states(node: Node, names: Iterable[str], timeout_s: float) -> dict[str, str]:
-    """The states of nodes by their names; empty for one that does not answer."""
+    """Return the states of nodes by their names; empty for one that does not answer."""
     services = {name: f"{name}/get_state" for name in names}
     kind = interface_class("lifecycle_msgs/srv/GetState")
     answers = ask_services(node, kind, services.values(), timeout_s)
@@ -141,7 +141,7 @@ def _is_matched(subscription: Any) -> bool:
 
 
 def _result(events: list[Any], passing: str) -> Any:
-    """What a callback that did not succeed has returned, by the events of its node.
+    """Return what a callback that did not succeed has returned, by the events of its node.
 
     Events have the states, and no transition. None without an event.
     """
@@ -151,7 +151,7 @@ def _result(events: list[Any], passing: str) -> Any:
 
 
 def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
-    """The endpoints that discovery shows on these topics, including those of the harness."""
+    """Return the endpoints that discovery shows on these topics, including those of the harness."""
     publishers = {topic: node.get_publishers_info_by_topic(topic) for topic in topics}
     subscriptions = {topic: node.get_subscriptions_info_by_topic(topic) for topic in topics}
     return protocol.Discovered(
@@ -180,7 +180,7 @@ def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
 
 
 def list_graph(node: Node) -> protocol.GraphSnapshot:
-    """The full names of the nodes, services and topics that discovery shows."""
+    """Return the full names of the nodes, services and topics that discovery shows."""
     return protocol.GraphSnapshot(
         nodes=tuple(
             f"{namespace.rstrip('/')}/{name}"
@@ -192,7 +192,7 @@ def list_graph(node: Node) -> protocol.GraphSnapshot:
 
 
 def list_names(node: Node) -> protocol.NodeNames:
-    """The names of each node that discovery shows."""
+    """Return the names of each node that discovery shows."""
     return protocol.NodeNames(
         names={
             f"{namespace.rstrip('/')}/{name}": rclpy_tools.names_of(node, name, namespace)
@@ -246,7 +246,7 @@ class PublisherGuard:
         self._next_s = 0.0
 
     def foreign(self) -> tuple[ForeignPublisher, ...]:
-        """All that were seen until now."""
+        """Return all that were seen until now."""
         self.look(now=True)
         return tuple(self._foreign.values())
 
@@ -293,7 +293,7 @@ class PublisherGuard:
 
 
 def _processes_of(gid: bytes) -> Iterator[Path]:
-    """The processes of this host that an endpoint can belong to, by its identifier."""
+    """Yield the processes of this host that an endpoint can belong to, by its identifier."""
     middleware = middleware_of(os.environ)
     for folder in PROC.glob("[0-9]*"):
         if middleware.may_be_endpoint_of(gid, (int(folder.name),)):
@@ -407,7 +407,7 @@ class GraphParticipant:
         return {topic: publisher.matches() for topic, publisher in self._latched.items()}
 
     def _is_interrupted(self) -> bool:
-        """Whether a command has arrived: during an answer, this can only be the shutdown."""
+        """Return whether a command has arrived: during an answer, this can only be the shutdown."""
         return self._channel.wait(0.0)
 
     def _answer(self, command: protocol.Command) -> None:

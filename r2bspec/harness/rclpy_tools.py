@@ -54,7 +54,7 @@ class TypeNotFoundError(R2bspecError):
 
 
 def interface_class(type_name: str) -> Any:
-    """The class of a type such as ``sensor_msgs/msg/Image`` or ``std_srvs/srv/Trigger``.
+    """Return the class of a type such as ``sensor_msgs/msg/Image`` or ``std_srvs/srv/Trigger``.
 
     Raises:
         TypeNotFoundError: the package is not installed or has no such type.
@@ -67,7 +67,7 @@ def interface_class(type_name: str) -> Any:
 
 
 def is_installed(type_name: str) -> bool:
-    """Whether a message type is installed."""
+    """Return whether a message type is installed."""
     try:
         interface_class(type_name)
     except TypeNotFoundError:
@@ -76,7 +76,7 @@ def is_installed(type_name: str) -> bool:
 
 
 def begins_with_header(type_name: str) -> bool:
-    """Whether the first field of a type is a std_msgs/Header, so that its stamp can be read.
+    """Return whether the first field of a type is a std_msgs/Header, so that its stamp can be read.
 
     Raises:
         TypeNotFoundError: the type is not installed.
@@ -86,7 +86,7 @@ def begins_with_header(type_name: str) -> bool:
 
 
 def profile(qos: QoS) -> QoSProfile:
-    """The rclpy profile for a QoS of the spec."""
+    """Return the rclpy profile for a QoS of the spec."""
     limits = {
         "deadline": qos.deadline,
         "lifespan": qos.lifespan,
@@ -113,7 +113,7 @@ def profile_matching_publishers(node: Node, topic: str) -> QoSProfile | None:
 
 
 def describe_endpoint(info: TopicEndpointInfo) -> Endpoint:
-    """An endpoint that discovery shows."""
+    """Return an endpoint that discovery shows."""
     return Endpoint(
         node=full_name(info),
         type=info.topic_type,
@@ -123,12 +123,12 @@ def describe_endpoint(info: TopicEndpointInfo) -> Endpoint:
 
 
 def full_name(info: TopicEndpointInfo) -> str:
-    """The full name of the node of an endpoint."""
+    """Return the full name of the node of an endpoint."""
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
 def qos_mismatch_reason(offered: QoSProfile, requested: QoSProfile) -> str:
-    """Why a subscription never matches a publisher, from the middleware; empty if it may."""
+    """Return why a subscription never matches a publisher, from the middleware; empty if it may."""
     compatibility, why = qos_check_compatible(offered, requested)
     if compatibility != QoSCompatibility.ERROR:
         return ""
@@ -156,7 +156,7 @@ class RawSubscription:
         return data, int(info["received_timestamp"])
 
     def matches(self) -> int:
-        """How many publishers this subscription is matched with."""
+        """Return how many publishers this subscription is matched with."""
         return int(self.handle.get_publisher_count())
 
     def destroy(self) -> None:
@@ -184,7 +184,7 @@ class RawPublisher:
         self._publisher.wait_for_all_acked(Duration(seconds=2.0))
 
     def matches(self) -> int:
-        """How many subscriptions this publisher is matched with."""
+        """Return how many subscriptions this publisher is matched with."""
         return int(self._handle.get_subscription_count())
 
 
@@ -264,7 +264,7 @@ def init(ros_arguments: Sequence[str] = ()) -> bool:
 
 
 def loaded_rmw() -> str:
-    """The middleware (RMW implementation) that this process has loaded."""
+    """Return the middleware (RMW implementation) that this process has loaded."""
     return str(get_rmw_implementation_identifier())
 
 
@@ -354,7 +354,7 @@ def ask_services(
 
 
 def names_of(node: Node, name: str, namespace: str) -> tuple[str, ...]:
-    """The topics and services of a node, as another one knows them; none if it has ended."""
+    """Return the topics and services of a node, as another one knows them; none if it has ended."""
     asks = (
         node.get_publisher_names_and_types_by_node,
         node.get_subscriber_names_and_types_by_node,

@@ -57,7 +57,7 @@ def _fill(message: Any, values: dict[str, Any]) -> Any:
 
 
 def _field_value(current: Any, type_name: str, value: Any) -> Any:
-    """The value of a field that fits; mappings are converted to messages."""
+    """Return the value of a field that fits; mappings are converted to messages."""
     if isinstance(value, dict):
         return _fill(current, value)
     if isinstance(value, list) and value and isinstance(value[0], dict):
@@ -147,7 +147,7 @@ class ComponentError(R2bspecError):
 
 
 def load_request(node: NodePlan) -> dict[str, Any]:
-    """The fields of ``composition_interfaces/srv/LoadNode`` for a node of a plan.
+    """Return the fields of ``composition_interfaces/srv/LoadNode`` for a node of a plan.
 
     Raises:
         ComponentError: a parameter has no type of ROS.
@@ -174,7 +174,7 @@ def _parameters(node: NodePlan, values: Mapping[str, Any]) -> list[dict[str, Any
 
 
 def _parameter_value(node: NodePlan, name: str, value: Any) -> dict[str, Any]:
-    """A value as rcl_interfaces/msg/ParameterValue. The numbers of a list have one type."""
+    """Return a value as rcl_interfaces/msg/ParameterValue. The numbers of a list have one type."""
     if isinstance(value, list):
         kinds = {*map(type, value)}
         if kinds == {int, float}:

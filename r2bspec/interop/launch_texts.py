@@ -18,7 +18,7 @@ CONFIGURATIONS: Final[dict[str, str]] = {}
 
 
 def perform(value: Any) -> str:
-    """The text of a value; what is not known of it is a mark."""
+    """Return the text of a value; what is not known of it is a mark."""
     if value is None:
         return ""
     if isinstance(value, Recorded):
@@ -31,7 +31,7 @@ def perform(value: Any) -> str:
 
 
 def evaluate(condition: Any) -> bool:
-    """The truth of a condition; an unknown condition is taken as met, with a note."""
+    """Return the truth of a condition; an unknown condition is taken as met, with a note."""
     if condition is None or isinstance(condition, bool):
         return condition is not False
     if isinstance(condition, Recorded):

@@ -100,7 +100,7 @@ class PlayedInput:
 
 
 def divide_by_role(recorded: RecordedFile, namespace: str) -> ScriptGraph:
-    """The actions by their roles.
+    """Return the actions by their roles.
 
     Args:
         recorded: all actions of the script.
@@ -133,7 +133,7 @@ def divide_by_role(recorded: RecordedFile, namespace: str) -> ScriptGraph:
 
 
 def played_inputs(player: NodeAction | None) -> list[PlayedInput]:
-    """The inputs that the player has remappings for, by number; none without a player."""
+    """Return the inputs that the player has remappings for, by number; none without a player."""
     if player is None:
         return []
     matches = (
@@ -151,7 +151,7 @@ def played_inputs(player: NodeAction | None) -> list[PlayedInput]:
 
 
 def ros_format(name: str) -> str:
-    """The ROS type that a negotiated format is converted to; empty if it is not known."""
+    """Return the ROS type that a negotiated format is converted to; empty if it is not known."""
     if name in _ADAPTED:
         return _ADAPTED[name]
     return next((kind for start, kind in _ADAPTED_PREFIXES.items() if name.startswith(start)), "")
@@ -179,7 +179,7 @@ class _Roles:
         self.sections = _sections(docstring)
 
     def decide(self) -> list[str]:
-        """The role of each of the others; empty where nothing tells it."""
+        """Return the role of each of the others; empty where nothing tells it."""
         roles = [
             self._by_topics(topics) or self._by_text(member)
             for member, topics in zip(self.others, self.topics, strict=True)
@@ -237,7 +237,7 @@ class _Roles:
 
 
 def _sections(docstring: str) -> dict[str, str]:
-    """The parts of a docstring that list preprocessors and the nodes under test."""
+    """Return the parts of a docstring that list preprocessors and the nodes under test."""
     sections = {"preprocessor": "", "graph": ""}
     current = ""
     for line in docstring.splitlines():
@@ -253,5 +253,5 @@ def _sections(docstring: str) -> dict[str, str]:
 
 
 def topic_in(namespace: str, topic: str) -> str:
-    """The absolute name of a topic."""
+    """Return the absolute name of a topic."""
     return topic if topic.startswith("/") else f"{namespace.rstrip('/')}/{topic}"

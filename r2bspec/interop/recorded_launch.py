@@ -154,7 +154,7 @@ class LaunchRecorder:
         return self._visit_all(action._get("actions"), scope)
 
     def _handler(self, action: Recorded, scope: _Scope) -> _Scope:
-        """What an event handler starts when another process starts, ends or prints."""
+        """Return what an event handler starts when another process starts, ends or prints."""
         event = action._get("event_handler", 0)
         keywords = event._kwargs if isinstance(event, Recorded) else {}
         states = {"start_state", "goal_state", "matcher", "handle_once"}
@@ -329,7 +329,7 @@ class LaunchRecorder:
                 self.recording.note("changed", what, node["place"])
 
     def _described(self, action: Recorded, scope: _Scope) -> dict[str, Any]:
-        """What all nodes have."""
+        """Return what all nodes have."""
         plugin, executable = perform(action._get("plugin")), perform(action._get("executable"))
         name = perform(action._get("name")) or plugin.rpartition("::")[2] or executable
         namespace = _joined(scope.namespace, perform(action._get("namespace")))
@@ -497,7 +497,7 @@ def parameter_value(value: Any) -> Any:
 
 
 def _source(source: Any) -> Any:
-    """A map of parameters, or the path of a file."""
+    """Return a map of parameters, or the path of a file."""
     if isinstance(source, dict):
         return parameter_value(source)
     if isinstance(source, Recorded) and source._kind == "Parameter":
@@ -508,7 +508,7 @@ def _source(source: Any) -> Any:
 
 
 def listed(value: Any) -> list[Any]:
-    """A value as a list: what stands alone is one item, and None is none."""
+    """Return a value as a list: what stands alone is one item, and None is none."""
     if isinstance(value, Recorded | str | dict):
         return [value]
     return [] if value is None else list(value) if isinstance(value, Iterable) else [value]
@@ -528,12 +528,12 @@ def _is_quiet_or_change(action: Any) -> bool:
 
 
 def _absolute(namespace: str) -> str:
-    """A namespace with its slash; empty for the root."""
+    """Return a namespace with its slash; empty for the root."""
     return f"/{namespace.strip('/')}" if namespace.strip("/") else ""
 
 
 def _joined(above: str, namespace: str) -> str:
-    """A namespace inside of another one."""
+    """Return a namespace inside of another one."""
     if namespace.startswith("/") or not above:
         return namespace
     return f"{above.rstrip('/')}/{namespace}" if namespace else above

@@ -257,7 +257,7 @@ class StepRecorder:
 
 
 def message_fields(message: Any) -> Any:
-    """The fields of a message that are set; the others have their defaults."""
+    """Return the fields of a message that are set; the others have their defaults."""
     if isinstance(message, list | tuple):
         return [message_fields(part) for part in message]
     if not isinstance(message, Recorded):

@@ -71,7 +71,7 @@ def _marked(value: Any, folders: Mapping[str, str]) -> Any:
 
 
 def _told(recording: Recording, error: BaseException) -> dict[str, Any]:
-    """The error with the line of the project where it comes from."""
+    """Return the error with the line of the project where it comes from."""
     lines = [
         (frame.filename, frame.lineno or 1)
         for frame in traceback.extract_tb(error.__traceback__)
@@ -186,7 +186,7 @@ def _parts(recording: Recording, launch: LaunchRecorder) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """A value of a configuration as JSON."""
+    """Return a value of a configuration as JSON."""
     if isinstance(value, Size):
         return f"{value.name}, {value['width']}x{value['height']}".removeprefix(", ")
     if isinstance(value, Recorded) and value._called:

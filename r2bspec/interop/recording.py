@@ -81,12 +81,12 @@ class NodeAction(Process, kw_only=True):
         return self.plugin.rpartition("::")[2]
 
     def parameter(self, name: str) -> Any:
-        """The last value of a parameter in the file; None without one."""
+        """Return the last value of a parameter in the file; None without one."""
         maps = [each for each in self.parameters if isinstance(each, dict) and name in each]
         return maps[-1][name] if maps else None
 
     def remapped(self, source: str) -> str:
-        """What the node calls `source` in the graph; by default itself."""
+        """Return what the node calls `source` in the graph; by default itself."""
         targets = (target for old, target in self.remappings if old.lstrip("/") == source)
         return next(targets, source)
 
@@ -195,7 +195,7 @@ class UnusableFileError(R2bspecError):
 
 
 def span_of(place: Place) -> Span:
-    """The place of a finding."""
+    """Return the place of a finding."""
     return Span(place[0], place[1], 1, place[1], 2)
 
 

@@ -161,11 +161,11 @@ class _SpecBuilder:
         return header
 
     def _value(self, key: str) -> Any:
-        """A key of the configuration, or its default."""
+        """Return a key of the configuration, or its default."""
         return self.recorded.config.get(key, _DEFAULTS[key])
 
     def _number(self, key: str) -> float:
-        """A number; its default, with a note, for anything else."""
+        """Return a number; its default, with a note, for anything else."""
         value = self._value(key)
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if is_number and math.isfinite(value):
@@ -174,7 +174,7 @@ class _SpecBuilder:
         return float(_DEFAULTS[key])
 
     def _place(self, key: str) -> Place:
-        """The line of a key: the first below the start of the configuration that sets it."""
+        """Return the line of a key: the first below the start of the configuration that sets it."""
         file, start = self.recorded.config_place
         sets = re.compile(rf"\s*{re.escape(key)}\s*=")
         lines = enumerate(self.values.lines(file), 1)
@@ -183,7 +183,7 @@ class _SpecBuilder:
         )
 
     def _comments(self, key: str) -> list[str]:
-        """The author's comments above a key."""
+        """Return the author's comments above a key."""
         return self.values.comments_above(self._place(key)) if key in self.recorded.config else []
 
     def _lose_key(self, key: str) -> None:
@@ -330,7 +330,10 @@ class _SpecBuilder:
         return block
 
     def _calls(self) -> Block:
-        """The services and actions that the script calls itself; what it asks them is its code."""
+        """Return the services and actions that the script calls itself.
+
+        What it asks them is its code.
+        """
         block = Block()
         used: set[str] = set()
         for client in self.called:
@@ -360,7 +363,7 @@ class _SpecBuilder:
             block.add(each.topic, {"from": each.source, "format": kind}, after=after)
 
     def _format(self, name: Any, place: Place) -> str | None:
-        """The ROS type of a format; None if it is not known."""
+        """Return the ROS type of a format; None if it is not known."""
         if not isinstance(name, str):
             return None
         if re.search(MESSAGE_TYPE.pattern, name):
@@ -403,7 +406,7 @@ class _SpecBuilder:
         return block
 
     def _prefixes(self) -> dict[int, str]:
-        """The titles of monitors in reports, by the index of the monitor."""
+        """Return the titles of monitors in reports, by the index of the monitor."""
         prefixes: dict[int, str] = {}
         listed = self._value("monitor_info_list")
         for given in listed if isinstance(listed, list) else []:

@@ -98,7 +98,10 @@ class NodeWriter:
             self.values.change(what, known[name].place)
 
     def _container(self, container: ContainerAction | None) -> dict[str, Any]:
-        """The keys of a container; with one that is started elsewhere, those of a usual one."""
+        """Return the keys of a container.
+
+        With one that is started elsewhere, those of a usual one.
+        """
         if container is None:
             return {"executable": _DEFAULT_CONTAINER}
         keys: dict[str, Any] = {"executable": container.executable}
@@ -121,7 +124,7 @@ class NodeWriter:
         return keys | self._process(container)
 
     def _process(self, process: Process) -> dict[str, Any]:
-        """The keys of a process that an action sets."""
+        """Return the keys of a process that an action sets."""
         keys: dict[str, Any] = {}
         if process.prefix:
             keys["prefix"] = [self.values.text(word) for word in process.prefix]
@@ -205,7 +208,7 @@ class NodeWriter:
             block.add("parameters", maps, doubts)
 
     def _map(self, values: dict[str, Any], place: Place) -> dict[str, Any]:
-        """The values of a map that have a form in a spec, with notes about the others."""
+        """Return the values of a map that have a form in a spec, with notes about the others."""
         converted: dict[str, Any] = {}
         for key, value in values.items():
             if not re.search(PARAMETER.pattern, key) or value is None:

@@ -43,7 +43,7 @@ class Block:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Block:
-        """A map with these keys."""
+        """Return a map with these keys."""
         block = cls()
         block.add_all(values)
         return block
@@ -87,7 +87,7 @@ def comment_lines(texts: Iterable[str], indent: str) -> list[str]:
 
 
 def flow(value: Any) -> str:
-    """A value on one line."""
+    """Return a value on one line."""
     if isinstance(value, dict):
         inside = ", ".join(f"{flow(key)}: {flow(item)}" for key, item in value.items())
         return f"{{{inside}}}"
@@ -99,7 +99,7 @@ def flow(value: Any) -> str:
 
 
 def scalar(value: Any) -> str:
-    """A scalar on one line, quoted where YAML needs it."""
+    """Return a scalar on one line, quoted where YAML needs it."""
     if isinstance(value, str):
         lines = to_yaml([str(value)]).removeprefix("- ").splitlines()
         is_plain = len(lines) == 1 and value == value.strip() and not _CONTROL.search(value)
@@ -166,13 +166,13 @@ def _long(value: Any, indent: str) -> list[str]:
 
 
 def identifier(text: str) -> str:
-    """A name of letters, digits and underscores."""
+    """Return a name of letters, digits and underscores."""
     name = _NO_NAME.sub("_", text).strip("_") or "unnamed"
     return f"n_{name}" if name[0].isdigit() else name
 
 
 def unique_name(name: str, used: set[str]) -> str:
-    """A name that is not used yet; it is added to `used`."""
+    """Return a name that is not used yet; it is added to `used`."""
     unique, number = name, 2
     while unique in used:
         unique, number = f"{name}_{number}", number + 1
@@ -223,7 +223,7 @@ class SpecValues:
         self.notes.append(Note("changed", what, place))
 
     def convert(self, value: Any) -> Any:
-        """A value of a spec."""
+        """Return a value of a spec."""
         if isinstance(value, str):
             return self.text(value)
         if isinstance(value, list):
@@ -233,16 +233,16 @@ class SpecValues:
         return value
 
     def text(self, value: str) -> str:
-        """A text with its marks as variables of the spec, or as placeholders."""
+        """Return a text with its marks as variables of the spec, or as placeholders."""
         return _REFERENCE.sub(self._reference, value)
 
     def take_doubts(self) -> list[str]:
-        """The comments about the placeholders since the last call."""
+        """Return the comments about the placeholders since the last call."""
         doubts, self.doubts = list(dict.fromkeys(self.doubts)), []
         return doubts
 
     def comments_above(self, place: Place) -> list[str]:
-        """The author's comments directly above a line of a file."""
+        """Return the author's comments directly above a line of a file."""
         lines = self.lines(place[0])[: place[1] - 1]
         above: list[str] = []
         while lines and (line := lines.pop().strip()).startswith("#"):
@@ -250,7 +250,7 @@ class SpecValues:
         return above
 
     def lines(self, file: str) -> list[str]:
-        """The lines of a file that was executed."""
+        """Return the lines of a file that was executed."""
         if file not in self.sources:
             self.sources[file] = Path(file).read_text("utf-8", "replace").splitlines()
         return self.sources[file]
@@ -277,7 +277,10 @@ class SpecValues:
         return f"$(var {variable})"
 
     def _share(self, package: str) -> str:
-        """Where a package is installed; a source folder beside the file has the same files."""
+        """Return where a package is installed.
+
+        A source folder beside the file has the same files.
+        """
         installed, source = package_share(package), self.recorded.shares.get(package)
         if installed is None and source is not None:
             return relative_folder(Path(source), self.spec_folder)
@@ -285,6 +288,6 @@ class SpecValues:
 
 
 def relative_folder(folder: Path, start: Path) -> str:
-    """A folder as a path relative to another one, beginning with a dot."""
+    """Return a folder as a path relative to another one, beginning with a dot."""
     relative = os.path.relpath(folder.absolute(), start.absolute())
     return relative if relative.startswith(".") else f"./{relative}"

@@ -67,7 +67,7 @@ class Recording:
         self.notes[kind, reason, place or self.place()] = None
 
     def places(self) -> Iterator[Place]:
-        """The lines of the project that are being executed, innermost first."""
+        """Yield the lines of the project that are being executed, innermost first."""
         frame: types.FrameType | None = sys._getframe(1)
         while frame is not None:
             if frame.f_code.co_filename in self.trees:
@@ -75,11 +75,11 @@ class Recording:
             frame = frame.f_back
 
     def place(self) -> Place:
-        """The line of the project that is being executed."""
+        """Return the line of the project that is being executed."""
         return next(self.places(), (str(self.main), 1))
 
     def mark(self, what: str, place: Place) -> str:
-        """A text for something unknown."""
+        """Return a text for something unknown."""
         if (what, place) not in self.unknown:
             self.unknown.append((what, place))
         return f"$(unknown {self.unknown.index((what, place))})"
@@ -90,7 +90,7 @@ class Recording:
         return path.startswith((f"{top}/", *(f"{share}/" for share in self.shares)))
 
     def share(self, package: str) -> str:
-        """The share folder of a package: its source, where it is installed, or a mark."""
+        """Return the share folder of a package: its source, where it is installed, or a mark."""
         from r2bspec.plan.installed_packages import package_share
 
         sources = (folder / package for folder in self.folders)
@@ -150,7 +150,7 @@ class Recorded:
         return self._args[position] if is_given else default
 
     def _what(self) -> str:
-        """What it is, in words."""
+        """Return what it is, in words."""
         first: Recorded = self
         while first._owner is not None:
             first = first._owner
@@ -277,7 +277,7 @@ class BenchmarkTest(StandIn):
 
     @classmethod
     def generate_namespace(cls, *names: str) -> str:
-        """The namespace of the benchmark, or a name inside of it."""
+        """Return the namespace of the benchmark, or a name inside of it."""
         space = (
             cls.config._get("benchmark_namespace", default="r2b")
             if cls.config is not None
@@ -287,12 +287,12 @@ class BenchmarkTest(StandIn):
 
     @classmethod
     def get_assets_root_path(cls, *_: Any) -> str:
-        """The folder of data and models."""
+        """Return the folder of data and models."""
         return "$(assets)"
 
     @classmethod
     def generate_test_description_with_nsys(cls, setup: Any, *_: Any, **__: Any) -> Any:
-        """The launch actions, which the tool itself would add to."""
+        """Return the launch actions, which the tool itself would add to."""
         if not callable(setup) or isinstance(setup, Recorded):
             return setup
         number = setup.__code__.co_argcount
@@ -433,14 +433,14 @@ class _Environment(dict[str, str]):
         return {}.items() if asks_itself() else super().items()
 
     def copy(self) -> dict[str, str]:
-        """An environment that is known as a copy."""
+        """Return an environment that is known as a copy."""
         return CopiedEnvironment() if asks_itself() else super().copy()
 
     def __getitem__(self, name: str) -> str:
         return f"$(env {name})" if asks_itself() else super().__getitem__(name)
 
     def get(self, name: str, default: Any = None) -> Any:
-        """The default, if there is one: the variable is a matter of the machine."""
+        """Return the default, if there is one: the variable is a matter of the machine."""
         if not asks_itself():
             return super().get(name, default)
         if default is None:
@@ -456,7 +456,7 @@ def asks_itself() -> bool:
 
 
 def _unknown_of(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A parser that passes on what is not known."""
+    """Return a parser that passes on what is not known."""
 
     def parse(source: Any, *args: Any, **kwargs: Any) -> Any:
         if isinstance(source, Recorded):

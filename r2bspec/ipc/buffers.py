@@ -38,7 +38,7 @@ _TRANSFORM_BYTES = 7 * 8
 
 
 def transform_stamps(message: bytes) -> list[tuple[int, int]]:
-    """Where each stamp of a serialised TFMessage is, and its value in ns.
+    """Return where each stamp of a serialised TFMessage is, and its value in ns.
 
     Raises:
         ValueError: the bytes are not a TFMessage.
@@ -52,7 +52,7 @@ def transform_stamps(message: bytes) -> list[tuple[int, int]]:
 
 
 def _stamp_offsets(message: bytes, length: struct.Struct) -> list[int]:
-    """The offset of the stamp of each transform."""
+    """Return the offset of the stamp of each transform."""
     (count,) = length.unpack_from(message, ENCAPSULATION_BYTES)
     place = length.size
     offsets = []
@@ -90,7 +90,7 @@ class BufferIndex(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def buffer_path(folder: Path, topic: str, suffix: str) -> Path:
-    """The path of the buffer of a topic; distinct topics have distinct paths.
+    """Return the path of the buffer of a topic; distinct topics have distinct paths.
 
     ROS names contain no percent sign, so it can replace the slash.
     """
@@ -163,7 +163,7 @@ def write_index(folder: Path, index: BufferIndex) -> None:
 
 
 def read_stamps(folder: Path, index: BufferIndex) -> BufferIndex:
-    """The index with the header stamps of its messages, whose type has a header."""
+    """Return the index with the header stamps of its messages, whose type has a header."""
     stamps_ns = []
     with buffer_path(folder, index.topic, "cdr").open("rb") as file:
         for offset, size in zip(accumulate(index.sizes, initial=0), index.sizes, strict=False):
@@ -186,12 +186,12 @@ def read_messages(folder: Path, topic: str, wanted: set[int] | None = None) -> d
 
 
 def buffered_transforms(folder: Path) -> tuple[str, ...]:
-    """The topics of transforms that have been buffered."""
+    """Return the topics of transforms that have been buffered."""
     return tuple(topic for topic in (TF, TF_STATIC) if buffer_path(folder, topic, "json").exists())
 
 
 def largest_message_bytes(folder: Path) -> int:
-    """The size of the largest message of all completed buffers; 0 if there are none."""
+    """Return the size of the largest message of all completed buffers; 0 if there are none."""
     sizes = (
         size
         for path in folder.glob("*.json")

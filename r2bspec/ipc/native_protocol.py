@@ -69,7 +69,7 @@ _MISSING_TYPE = re.compile(r"message type (\w+)/")
 
 
 def _hint(code: str, message: str) -> str:
-    """What to do about a failure; empty if nothing is known."""
+    """Return what to do about a failure; empty if nothing is known."""
     if code == "R2B681" and (found := _MISSING_TYPE.match(message)):
         return f"To install it: {ros_package_advice(found[1])}."
     return _FULL_DISK if code == "R2B651" else ""
@@ -257,7 +257,7 @@ def _player_words(command: protocol.ConfigurePlayer) -> Iterator[str]:
 
 
 def _type_words(name: str) -> tuple[str, str, str]:
-    """A type by the names that rosidl gives to its generated code."""
+    """Return a type by the names that rosidl gives to its generated code."""
     package, _, message = name.partition("/msg/")
     getter = "rosidl_typesupport_c__get_message_type_support_handle"
     return f"lib{package}__rosidl_typesupport_c.so", f"{getter}__{package}__msg__{message}", name

@@ -100,7 +100,7 @@ class Round:
     steps: int
 
     def blocks(self, rate_hz: float, steps: int, first: int) -> Iterator[Entries]:
-        """The entries of a playback, in blocks.
+        """Yield the entries of a playback, in blocks.
 
         Args:
             rate_hz: steps per second.
@@ -269,7 +269,7 @@ class _Entries:
             self.at.append(at)
 
     def array(self) -> NDArray[np.void]:
-        """The entries; of type `ENTRY_DTYPE`."""
+        """Return the entries; of type `ENTRY_DTYPE`."""
         return np.array(self.rows, dtype=ENTRY_DTYPE)
 
 
@@ -343,7 +343,7 @@ _CLOCK_DTYPE = np.dtype("<i8")
 
 
 def playback_path(path: Path, number: int) -> Path:
-    """The file of a playback; `number` counts from 1."""
+    """Return the file of a playback; `number` counts from 1."""
     return path.with_name(f"{path.name}-{number}")
 
 
@@ -455,12 +455,12 @@ class PlaybackReader:
         self._playbacks: list[_Playback] = []
 
     def count(self) -> int:
-        """The number of complete steps; 0 before the first playback."""
+        """Return the number of complete steps; 0 before the first playback."""
         self._find_playbacks()
         return sum(playback.complete() for playback in self._playbacks)
 
     def read(self, start: int = 0, stop: int | None = None) -> NDArray[np.void]:
-        """The rows from `start` up to `stop`, or up to the last complete step."""
+        """Return the rows from `start` up to `stop`, or up to the last complete step."""
         self._find_playbacks()
         blocks = [np.empty(0, self._dtype)]
         begin = 0
@@ -473,14 +473,14 @@ class PlaybackReader:
         return np.concatenate(blocks)
 
     def last_stamp_ns(self) -> int:
-        """The last stamp of a step that was played; 0 before the first one."""
+        """Return the last stamp of a step that was played; 0 before the first one."""
         self._find_playbacks()
         # Stamps ascend from playback to playback.
         stamps_ns = (playback.last_stamp_ns() for playback in reversed(self._playbacks))
         return next((stamp_ns for stamp_ns in stamps_ns if stamp_ns), 0)
 
     def last_clocks(self) -> NDArray[np.int64]:
-        """The clocks of the watched processes at each step of the last playback.
+        """Return the clocks of the watched processes at each step of the last playback.
 
         Returns:
             Processor times in nanoseconds, steps × processes, and -1 of a process that had ended.
@@ -542,7 +542,7 @@ class _Playback:
 
 
 def _first_and_last(steps: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The first and the last entry of each step."""
+    """Return the first and the last entry of each step."""
     order = np.flatnonzero(steps != NO_STEP)
     if (np.diff(steps[order]) < 0).any():
         # Steps of a recording may overlap.

@@ -51,11 +51,11 @@ class ProcessSession:
 
     @classmethod
     def of(cls, pid: int) -> Self:
-        """The session of a process that has opened one and has not been collected."""
+        """Return the session of a process that has opened one and has not been collected."""
         return cls(pid, start_ticks(pid) or 0)
 
     def is_shown_by(self, members: Iterable[int]) -> bool:
-        """Whether processes in a session of this number show that it is still this one."""
+        """Return whether processes in a session of this number show that it is still this one."""
         first = start_ticks(self.pid)
         if first is not None:
             return first == self.started
@@ -89,7 +89,7 @@ class SessionLeader(subprocess.Popen[bytes]):
 
 
 def now_ticks() -> int:
-    """The time since boot, in clock ticks."""
+    """Return the time since boot, in clock ticks."""
     return int(time.clock_gettime(time.CLOCK_BOOTTIME) * _TICKS_PER_S)
 
 
@@ -109,7 +109,7 @@ _EMPTY_SCANS = 3
 
 
 def run_processes(run_id: str, sessions: Iterable[ProcessSession]) -> list[psutil.Process]:
-    """Every living process of a run, the calling process excepted."""
+    """Return every living process of a run, the calling process excepted."""
     sessions_by_pid = {known_session.pid: known_session for known_session in sessions}
     members: dict[int, list[psutil.Process]] = {pid: [] for pid in sessions_by_pid}
     marked: list[psutil.Process] = []
@@ -134,7 +134,10 @@ def run_processes(run_id: str, sessions: Iterable[ProcessSession]) -> list[psuti
 
 
 def carries_run_id(pid: int, run_id: str) -> bool:
-    """Whether a process has the id of a run in its environment; never if that cannot be read."""
+    """Return whether a process has the id of a run in its environment.
+
+    Never if that cannot be read.
+    """
     try:
         variables = Path(f"/proc/{pid}/environ").read_bytes() if run_id else b""
     except OSError:

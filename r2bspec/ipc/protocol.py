@@ -389,7 +389,7 @@ messages were lost on a busy machine."""
 
 
 def weakest_offer(publishers: Iterable[Endpoint]) -> QoS:
-    """A QoS that is compatible with all publishers of a topic.
+    """Return a QoS that is compatible with all publishers of a topic.
 
     A subscription is compatible with publishers that offer more than it requests, so the weakest
     offer decides.
@@ -530,7 +530,7 @@ _REPLIES: msgspec.json.Decoder[Reply] = msgspec.json.Decoder(
 
 
 def control_variable(part: str = "") -> str:
-    """The variable with the file descriptor of a control channel."""
+    """Return the variable with the file descriptor of a control channel."""
     return f"{CONTROL_FD_VARIABLE}_{part.upper()}" if part else CONTROL_FD_VARIABLE
 
 

@@ -72,7 +72,7 @@ class RowReader:
         self._dtype = np.dtype(list(fields))
 
     def count(self) -> int:
-        """The number of complete rows; 0 before the file exists."""
+        """Return the number of complete rows; 0 before the file exists."""
         try:
             return self._path.stat().st_size // self._dtype.itemsize
         except FileNotFoundError:
@@ -108,7 +108,7 @@ class StallLogReader:
         self._logs = [RowReader(path, _FIELDS) for path in (rows_dir / STALL_FILE, *further)]
 
     def between(self, began_ns: int, ended_ns: int) -> int:
-        """The total duration of stalls between two times, in ns."""
+        """Return the total duration of stalls between two times, in ns."""
         return max(_overlap_ns(log, began_ns, ended_ns) for log in self._logs)
 
 
@@ -162,7 +162,7 @@ class ClockOffsetTracker:
 def read_clocks(
     monotonic_ns: Callable[[], int] = time.monotonic_ns, system_ns: Callable[[], int] = time.time_ns
 ) -> tuple[int, int]:
-    """The monotonic time, and the system time minus the monotonic time, in ns."""
+    """Return the monotonic time, and the system time minus the monotonic time, in ns."""
     closest_ns, clocks = -1, (0, 0)
     for _ in range(_MAX_READS):
         before_ns = monotonic_ns()

@@ -73,7 +73,7 @@ class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
     stamp_offsets_ns: tuple[tuple[int, ...], ...] = ()
 
     def stamp_groups(self) -> frozenset[int]:
-        """The sets of inputs, as bits, whose messages have one stamp."""
+        """Return the sets of inputs, as bits, whose messages have one stamp."""
         columns = self.columns or range(len(self.steps[0]) if self.steps else 0)
         groups = _Groups()
         for number in range(len(self.steps)):
@@ -85,11 +85,11 @@ class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
         return frozenset(groups.values())
 
     def span_ns(self, rate_hz: float, steps: int) -> int:
-        """How long so many steps take, up to when the one after them would be due."""
+        """Return how long so many steps take, up to when the one after them would be due."""
         return round(steps * 1e9 / rate_hz)
 
     def steps_within(self, rate_hz: float, duration_ns: int) -> int:
-        """How many steps are due within a time."""
+        """Return how many steps are due within a time."""
         return round(duration_ns / 1e9 * rate_hz)
 
 
@@ -137,7 +137,7 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
     stamp_offsets_ns: tuple[tuple[int, ...], ...] = ()
 
     def due_offsets_ns(self) -> list[int]:
-        """The due time of each step, relative to the beginning of the round."""
+        """Return the due time of each step, relative to the beginning of the round."""
         offsets_ns: dict[int, int] = {}
         for message in self.messages:
             if message.step != NO_STEP:
@@ -145,7 +145,7 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
         return [offsets_ns[step] for step in range(len(self.steps))]
 
     def message_of(self, step: int) -> TimelineMessage:
-        """The message of a step of any round, where each step has one, with its due time."""
+        """Return the message of a step of any round, where each step has one, with its due time."""
         turns, place = divmod(step, len(self.steps))
         message = self.messages[place]
         return msgspec.structs.replace(
@@ -153,7 +153,7 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
         )
 
     def stamp_groups(self) -> frozenset[int]:
-        """The sets of inputs, as bits, whose messages have one stamp."""
+        """Return the sets of inputs, as bits, whose messages have one stamp."""
         groups = _Groups()
         for message in self.messages:
             if message.step != NO_STEP:
@@ -163,13 +163,13 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
         return frozenset(groups.values())
 
     def span_ns(self, rate_hz: float, steps: int) -> int:
-        """How long so many steps take, up to when the one after them would be due."""
+        """Return how long so many steps take, up to when the one after them would be due."""
         del rate_hz
         rounds, rest = divmod(steps, len(self.steps))
         return rounds * self.period_ns + (self.due_offsets_ns()[rest] if rest else 0)
 
     def steps_within(self, rate_hz: float, duration_ns: int) -> int:
-        """How many steps are due within a time."""
+        """Return how many steps are due within a time."""
         del rate_hz
         rounds, rest_ns = divmod(duration_ns, self.period_ns)
         return rounds * len(self.steps) + bisect.bisect_left(self.due_offsets_ns(), rest_ns)
@@ -195,7 +195,7 @@ class Turns(msgspec.Struct, frozen=True):
 
 
 def round_length_ns(times_ns: list[int]) -> int:
-    """The duration of a round, from its first time to the first time of the next round.
+    """Return the duration of a round, from its first time to the first time of the next round.
 
     The recording does not contain it. The pause between two rounds is assumed to be the mean pause
     between two times: (t_last - t_first) n / (n - 1).

@@ -30,7 +30,7 @@ _REMEDY = "Run again; if the failure is intermittent, look for what differs betw
 
 
 def needs_confirmation(verdict: Verdict) -> bool:
-    """Whether a verdict is a FAIL that has to be confirmed by a second session."""
+    """Return whether a verdict is a FAIL that has to be confirmed by a second session."""
     return verdict.outcome == "fail" and any(
         requirement.fails_run for requirement in verdict.requirements
     )
@@ -58,7 +58,7 @@ def confirm_requirement(
 
 
 def confirm_run(first: Verdict, second: Verdict, policy: InconclusivePolicy = "report") -> Verdict:
-    """A run after both sessions.
+    """Return a run after both sessions.
 
     A second session that is invalid or incomplete confirms nothing: its failures count as not
     judged.
@@ -78,5 +78,5 @@ def confirm_run(first: Verdict, second: Verdict, policy: InconclusivePolicy = "r
 
 
 def _lower(text: str) -> str:
-    """A sentence as the second part of another; names keep their case."""
+    """Return a sentence as the second part of another; names keep their case."""
     return text[:1].lower() + text[1:] if text[1:2].islower() else text

@@ -37,7 +37,7 @@ _GROWING = frozenset(name for name, traits in METHODS.items() if traits.grows)
 def decide_after_look(
     looks: InterimLooks, look: int, requirements: Sequence[RequirementVerdict]
 ) -> LookDecision:
-    """What to do after a look.
+    """Return what to do after a look.
 
     A requirement that fails stops the run: a second session in new processes confirms the failure
     or does not (`r2bspec.judge.confirmation`); no more iterations of this session are played. One
@@ -73,7 +73,7 @@ def decide_after_look(
 
 
 def _can_be_decided(one: RequirementVerdict) -> bool:
-    """Whether more iterations may decide a requirement.
+    """Return whether more iterations may decide a requirement.
 
     They may not where interference has opened it, or something else than the width of its interval.
     """
@@ -137,7 +137,7 @@ class DecisionPolicy:
 
 
 def decision_policy(plan: Plan, gate: GatePlan | None = None) -> DecisionPolicy:
-    """The decision policy of a plan.
+    """Return the decision policy of a plan.
 
     Args:
         plan: as it was played.
@@ -156,7 +156,7 @@ def decision_policy(plan: Plan, gate: GatePlan | None = None) -> DecisionPolicy:
 
 
 def without_own_confidence(objectives: Mapping[str, Objective]) -> dict[str, Objective]:
-    """The objectives as a second session judges them: at the confidence of the policy."""
+    """Return the objectives as a second session judges them: at the confidence of the policy."""
     return {
         name: msgspec.structs.replace(objective, confidence=None)
         for name, objective in objectives.items()

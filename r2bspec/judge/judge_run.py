@@ -139,7 +139,7 @@ def build_result(
     base_identity: GraphIdentity | None = None,
     anatomies: tuple[AnatomySummary, ...] = (),
 ) -> Result:
-    """The result of a run, or of several as one, that has been measured and judged."""
+    """Return the result of a run, or of several as one, that has been measured and judged."""
     record, plan = run.record, run.plan
     changes: tuple[str, ...] = ()
     if base_identity is not None and record.identity is not None:

@@ -147,7 +147,7 @@ def leave_latencies_open(verdict: Verdict, played: int, policy: DecisionPolicy) 
 
 
 def _judge(objectives: Objectives, pairs: Pairs, policy: DecisionPolicy) -> Verdict:
-    """The verdict after all looks that so many pairs allow."""
+    """Return the verdict after all looks that so many pairs allow."""
     looks = policy.looks
     if looks is None:
         return _judge_once(objectives, pairs, policy)
@@ -171,7 +171,7 @@ def _judge(objectives: Objectives, pairs: Pairs, policy: DecisionPolicy) -> Verd
 
 
 def _at_look(objective: Objective, looks: InterimLooks, look: int) -> Objective:
-    """An objective with its own confidence, if it has one, at a look."""
+    """Return an objective with its own confidence, if it has one, at a look."""
     own = objective.confidence
     if own is None:
         return objective
@@ -215,13 +215,13 @@ def _judge_ratio(case: RequirementCase, pairs: Pairs) -> RequirementVerdict:
 
 
 def _were_by_turns(pairs: Pairs, case: RequirementCase) -> bool:
-    """Whether both sides were played by turns for a requirement in every start of both."""
+    """Return whether both sides were played by turns for a requirement in every start of both."""
     kind, runs = turn_kind(case.info), [*pairs.base, *pairs.head]
     return bool(runs) and all(run.turns_at(kind, case.at_hz) is not None for run in runs)
 
 
 def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdict:
-    """The combined verdict of the probes of all runs of the head."""
+    """Return the combined verdict of the probes of all runs of the head."""
     outcomes = [run_verdict.outcome for run_verdict in found]
     outcome: Outcome = outcomes[0] if len(set(outcomes)) == 1 else "inconclusive"
     counts = ", ".join(
@@ -246,6 +246,6 @@ def _combine_sustained(found: Sequence[RequirementVerdict]) -> RequirementVerdic
 
 
 def why_unusable(samples: RunSamples) -> str:
-    """Why a run of a pair cannot be judged, in a sentence; empty if it can."""
+    """Return why a run of a pair cannot be judged, in a sentence; empty if it can."""
     invalid = PlaybackValidity.of(samples).iterations.values()
     return next((problem.reason for problem in invalid), "")

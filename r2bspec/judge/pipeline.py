@@ -151,7 +151,9 @@ class JudgedRun:
         return unaffected_or_rerun(one, self.samples, self.affected)
 
     def completed_looks(self, samples: RunSamples) -> int:
-        """How many interim looks the iterations at all rates of the objectives allow; at least 1.
+        """Return how many interim looks the iterations at all rates of the objectives allow.
+
+        At least 1.
 
         Args:
             samples: the run, or a part of it.
@@ -166,7 +168,7 @@ class JudgedRun:
         return max(1, looks.completed_looks(fewest)) if looks is not None else 1
 
     def requirements(self) -> Iterator[JudgedRequirement]:
-        """All requirements, at each of their monitors."""
+        """Yield all requirements, at each of their monitors."""
         for name, objective in self.objectives.items():
             at_hz = _objective_rate(objective, self.samples)
             for requirement in objective.require:
@@ -193,7 +195,7 @@ class JudgedRequirement:
     problem: str = ""
 
     def decided_by(self, samples: RunSamples) -> RequirementVerdict:
-        """The decision on the samples of the run, after all looks that they allow."""
+        """Return the decision on the samples of the run, after all looks that they allow."""
         looks, policy = self.run.policy.looks, self.run.policy
         own = self.objective.confidence
         confidence = own.fraction if own is not None else policy.confidence
@@ -212,7 +214,7 @@ class JudgedRequirement:
         return combine_looks(looks, decisions)
 
     def decided_by_part(self, samples: RunSamples) -> RequirementVerdict:
-        """The decision on a part of the samples, at once: that it is smaller ends no run."""
+        """Return the decision on a part of the samples, at once: that it is smaller ends no run."""
         own = self.objective.confidence
         policy = self.run.policy
         return self._decided_once(samples, own.fraction if own is not None else policy.confidence)
@@ -221,7 +223,7 @@ class JudgedRequirement:
         """Whether a part of the samples decides otherwise, and not for lack of messages alone."""
 
         def distance(one: RequirementVerdict) -> float:
-            """How far the estimate is in the direction of a FAIL."""
+            """Return how far the estimate is in the direction of a FAIL."""
             if one.estimate is None:
                 return math.inf
             return one.estimate if self.asked.is_upper_bound else -one.estimate
@@ -261,7 +263,7 @@ class JudgedRequirement:
         return verdict
 
     def case(self, samples: RunSamples, confidence: float = CONFIDENCE) -> RequirementCase:
-        """The requirement with the samples to judge it by."""
+        """Return the requirement with the samples to judge it by."""
         asked = self.asked
         if self.problem:
             return asked
@@ -274,7 +276,7 @@ class JudgedRequirement:
 
 
 def first_iterations(samples: RunSamples, number: int) -> RunSamples:
-    """The run as it was when `number` iterations had been played at each rate."""
+    """Return the run as it was when `number` iterations had been played at each rate."""
     return replace(
         samples,
         iterations={rate: played[:number] for rate, played in samples.iterations.items()},
@@ -282,7 +284,7 @@ def first_iterations(samples: RunSamples, number: int) -> RunSamples:
 
 
 def _objective_rate(objective: Objective, samples: RunSamples) -> float | None:
-    """The offered rate of an objective; see `JudgedRequirement`."""
+    """Return the offered rate of an objective; see `JudgedRequirement`."""
     if objective.at is not None:
         return objective.at.hz
     if samples.own_rate and not objective.at_peak:
@@ -317,7 +319,7 @@ def _metric_of(
 
 
 def decide_case(case: RequirementCase, samples: RunSamples) -> Decision:
-    """The first reason for which nothing can be decided, or the decision of the method."""
+    """Return the first reason for which nothing can be decided, or the decision of the method."""
     return (
         _undecidable(case, samples)
         or (_decided(case, samples) if case.info.statistic in _BY_RECORD else None)
@@ -334,7 +336,10 @@ def _decided(case: RequirementCase, samples: RunSamples) -> Decision:
 
 
 def method_of(case: RequirementCase) -> Decide:
-    """What decides a requirement on one run; a ratio is decided by `judge.ratio_of_starts`."""
+    """Return what decides a requirement on one run.
+
+    A ratio is decided by `judge.ratio_of_starts`.
+    """
     statistic = case.info.statistic
     if statistic in _BY_RECORD:
         return _BY_RECORD[statistic]
@@ -374,7 +379,7 @@ def _without_iterations(case: RequirementCase) -> Decision | None:
 
 
 def _without_output(case: RequirementCase) -> Decision | None:
-    """A failure if the monitor received no output at all."""
+    """Return a failure if the monitor received no output at all."""
     seen = case.monitor_samples
     known = any(sample.answered for sample in seen)
     if case.monitor is None or known:
@@ -446,7 +451,10 @@ def _without_events(case: RequirementCase) -> Decision | None:
 def latency_unknown_by_order(
     info: MetricInfo, monitor: str | None, iterations: Sequence[SegmentSamples]
 ) -> tuple[str, str] | None:
-    """Why a latency is unknown where outputs are matched by order, and what to do; else None."""
+    """Return why a latency is unknown where outputs are matched by order, and what to do.
+
+    Else None.
+    """
     if monitor is None or not info.metric.lost_is_slowest:
         return None
     seen = [iteration.monitors[monitor] for iteration in iterations]
@@ -461,7 +469,7 @@ def latency_unknown_by_order(
 
 
 def _losses_may_hide(case: RequirementCase) -> bool:
-    """Whether lost outputs are counted, and others may take their places."""
+    """Return whether lost outputs are counted, and others may take their places."""
     return case.info.metric.counts_losses and any(seen.by_order for seen in case.monitor_samples)
 
 
@@ -548,7 +556,7 @@ def _after_all_steps(judged: JudgedRequirement) -> RequirementVerdict:
 
 
 def _run_verdict(run: JudgedRun, requirements: tuple[RequirementVerdict, ...]) -> Verdict:
-    """The verdict on the run, with what it cannot know."""
+    """Return the verdict on the run, with what it cannot know."""
     samples, validity = run.samples, run.playback_validity
     invalid = {**validity.probes, **validity.iterations}
     reasons = {requirement.reason for requirement in requirements}
@@ -578,7 +586,7 @@ def _overall_outcome(
     requirements: tuple[RequirementVerdict, ...],
     unusable: tuple[Unusable, ...],
 ) -> tuple[OverallOutcome, str]:
-    """The outcome of the run, worst first, and one sentence for it."""
+    """Return the outcome of the run, worst first, and one sentence for it."""
     record, policy = run.samples.record, run.policy
     if record.status == "invalid":
         return "invalid", record.reason or "The run is invalid."

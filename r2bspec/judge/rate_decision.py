@@ -237,7 +237,7 @@ def _departures(
     received_ns: NDArray[np.int64],
     per_step: float,
 ) -> CompletionTimes:
-    """The outputs that arrived while inputs were published."""
+    """Return the outputs that arrived while inputs were published."""
     first_ns, last_ns = (
         (int(published_ns[0]), int(published_ns[-1])) if published_ns.size else (0, 0)
     )
@@ -308,7 +308,7 @@ def judge_final(
 
 
 def worst_judgement(judgements: Sequence[ProbeJudgement]) -> ProbeJudgement:
-    """The worst judgement of several monitors.
+    """Return the worst judgement of several monitors.
 
     Not sustained is worst, then undecided, then what keeps up but may lose messages.
     """
@@ -365,7 +365,7 @@ def _judge(
 def _kept_up(
     estimate: ProbeEstimate, criterion: Criterion, judgement: ProbeJudgement
 ) -> ProbeJudgement:
-    """The judgement where the backlog does not grow, but few losses are not shown."""
+    """Return the judgement where the backlog does not grow, but few losses are not shown."""
     number = int(estimate.dropped.size)
     seen = int(np.count_nonzero(estimate.dropped))
     loss_text = f"at most {100 * judgement.lost_at_most:.2g} % lost ({seen} of {number} messages)"
@@ -383,7 +383,7 @@ def _fails(
     *,
     cold: bool,
 ) -> bool:
-    """Whether the rate is clearly not sustained, and not only because the graph is cold."""
+    """Return whether the rate is clearly not sustained, and not only because the graph is cold."""
     completed_hz = estimate.steady.completed_hz + half_hz
     dropped = _min_drop_share(estimate, offered_hz, error)
     if cold:
@@ -394,7 +394,7 @@ def _fails(
 
 
 def _min_drop_share(estimate: ProbeEstimate, offered_hz: float, error: float) -> float:
-    """The lower bound of the share dropped: by shares of batches, or by the rate of outputs.
+    """Return the lower bound of the share dropped: by shares of batches, or by the rate of outputs.
 
     The rate is more precise if messages are dropped periodically, the shares if drops are random.
     """
@@ -416,7 +416,7 @@ def _max_drop_share(dropped: NDArray[np.bool_], error: float) -> float:
 
 
 def _share_bounds(happened: NDArray[np.bool_], error: float) -> tuple[float, float]:
-    """The share of true flags with one-sided bounds by batch means, each with this error."""
+    """Return the share of true flags with one-sided bounds by batch means, each with this error."""
     if not happened.any():
         return 0.0, 0.0
     if happened.size < _BATCHES:

@@ -144,7 +144,7 @@ class Decision:
 
 
 def undecided(reason: str, remedy: str = "") -> Decision:
-    """A case that no test can decide, and what would help."""
+    """Return a case that no test can decide, and what would help."""
     return Decision(outcome="inconclusive", method="none", reason=reason, remedy=remedy)
 
 
@@ -158,7 +158,7 @@ def unmeasured(case: RequirementCase, record: RunRecord) -> Decision | None:
 
 
 def decide(*, passes: bool, fails: bool) -> Outcome:
-    """The outcome of two tests that cannot both succeed."""
+    """Return the outcome of two tests that cannot both succeed."""
     if passes:
         return "pass"
     return "fail" if fails else "inconclusive"
@@ -167,7 +167,7 @@ def decide(*, passes: bool, fails: bool) -> Outcome:
 def limit_of(
     requirement: Requirement, at_hz: float | None, info: MetricInfo, per_step: float = 1.0
 ) -> float:
-    """The right-hand side of a requirement in its metric's unit; NaN where it has none.
+    """Return the right-hand side of a requirement in its metric's unit; NaN where it has none.
 
     Args:
         requirement: with its bound.
@@ -208,5 +208,5 @@ def requirement_verdict(case: RequirementCase, decision: Decision) -> Requiremen
 
 
 def finite(value: float | None) -> float | None:
-    """The value, or None if it is infinite, which JSON cannot write."""
+    """Return the value, or None if it is infinite, which JSON cannot write."""
     return value if value is not None and math.isfinite(value) else None

@@ -131,6 +131,6 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         check_machine_facts(self.machine)
 
     def monitor_title(self, name: str) -> str:
-        """The title of a monitor: its label and its name, or its name alone."""
+        """Return the title of a monitor: its label and its name, or its name alone."""
         label = self.monitor_labels.get(name, "")
         return f"{label} ({name})" if label and label != name else name

@@ -91,12 +91,12 @@ class CompletionTimes:
     per_step: float = 1.0
 
     def settled(self) -> NDArray[np.float64]:
-        """The times without those of the start."""
+        """Return the times without those of the start."""
         start_s = min(max(_START_SHARE * self.played_s, _START_S), _MAX_START_SHARE * self.played_s)
         return self.times_s[self.times_s >= start_s]
 
     def after(self, seconds: float) -> CompletionTimes:
-        """The later part of this play, as one of its own."""
+        """Return the later part of this play, as one of its own."""
         later = self.times_s[self.times_s >= seconds] - seconds
         return CompletionTimes(
             self.begun_s + seconds,
@@ -117,7 +117,7 @@ class CompletionTimes:
         return self._is_slower(self.settled(), _SATURATED_SHARE)
 
     def _is_slower(self, times_s: NDArray[np.float64], share: float) -> bool:
-        """Whether outputs at these times are fewer than a share of what is offered."""
+        """Return whether outputs at these times are fewer than a share of what is offered."""
         if times_s.size < _MIN_BATCH_OUTPUTS:
             return True
         rate_hz = (times_s.size - 1) / max(float(times_s[-1] - times_s[0]), 1e-9)
@@ -242,7 +242,7 @@ def _overload_pace(
 
 
 def _at_capacity(gentle: _OverloadPace, hard: _OverloadPace | None) -> float:
-    """The rate at which a message takes as long as until the next one comes.
+    """Return the rate at which a message takes as long as until the next one comes.
 
     The seconds a message, x, grow evenly with the rate that is offered, by b: the rate r is that at
     which 1 / r = x - b (offered - r).
@@ -339,7 +339,10 @@ def _most_stops(number: int) -> float:
 
 
 def find_start(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
-    """A start that is faster or slower than the rest of an overloaded play; the clearest one."""
+    """Return a start that is faster or slower than the rest of an overloaded play.
+
+    The clearest one.
+    """
     findings: list[NonStationarity] = []
     for seconds in _STARTS_S:
         long = [play for play in plays if play.played_s >= 1.8 * seconds]
@@ -361,7 +364,7 @@ def find_start(plays: Sequence[CompletionTimes], precision: float) -> NonStation
 
 
 def find_drift(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
-    """A speed that falls or rises over all plays."""
+    """Return a speed that falls or rises over all plays."""
     cut = [batches(play) for play in plays]
     pace = np.concatenate([np.empty(0), *(part.seconds for part in cut)])
     at_s = np.concatenate([np.empty(0), *(part.begun_s for part in cut)])
@@ -382,7 +385,7 @@ def find_drift(plays: Sequence[CompletionTimes], precision: float) -> NonStation
 
 
 def find_wander(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
-    """A speed that differs from second to second by more than single messages explain."""
+    """Return a speed that differs from second to second by more than single messages explain."""
     cut = [batches(play) for play in plays]
     pace = np.concatenate([np.empty(0), *(part.seconds for part in cut)])
     if pace.size < _MIN_COMPARED_BATCHES or pace.min() <= 0:
@@ -409,7 +412,7 @@ def find_wander(plays: Sequence[CompletionTimes], precision: float) -> NonStatio
 
 
 def _wander_limit(size: int) -> float:
-    """The ratio of variances that independent messages exceed once in ten thousand plays."""
+    """Return the ratio of variances that independent messages exceed once in ten thousand plays."""
     from scipy.special import chdtri
 
     return max(_WANDER_RATIO, float(chdtri(size - 1, _ERROR)) / (size - 1))
@@ -461,7 +464,7 @@ def _pace(plays: Sequence[CompletionTimes], from_s: float, until_s: float) -> _P
 def find_nonstationarity(
     overloaded: Sequence[CompletionTimes], others: Sequence[CompletionTimes], precision: float
 ) -> tuple[NonStationarity, ...]:
-    """All findings about a graph.
+    """Return all findings about a graph.
 
     Args:
         overloaded: plays in which outputs left at the pace of the graph.

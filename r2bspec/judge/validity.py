@@ -65,7 +65,7 @@ class Problem:
 
 
 def impossible_result(iterations: Sequence[SegmentSamples]) -> Problem | None:
-    """What is impossible in the iterations at a rate; None if nothing is.
+    """Return what is impossible in the iterations at a rate; None if nothing is.
 
     Args:
         iterations: all complete iterations at it, at least one.
@@ -129,7 +129,7 @@ TIMELINE_REMEDY = "Run again on a quieter or faster machine, or play the recordi
 
 
 def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) -> str:
-    """Why the iterations at a rate are invalid, in one sentence; empty if they are valid.
+    """Return why the iterations at a rate are invalid, in one sentence; empty if they are valid.
 
     Args:
         offered_hz: the offered rate; 0 for that of the recording.
@@ -165,7 +165,10 @@ def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) ->
 
 
 def lateness_limit_s(planned_hz: float) -> float:
-    """How late 99 % of the publications may begin at most; `planned_hz` is 0 where unknown."""
+    """Return how late 99 % of the publications may begin at most.
+
+    `planned_hz` is 0 where unknown.
+    """
     if not planned_hz:
         return MIN_LATENESS_LIMIT_S
     of_busy_machine = min(MIN_LATENESS_LIMIT_S, BURST_PERIODS / planned_hz)
@@ -173,7 +176,7 @@ def lateness_limit_s(planned_hz: float) -> float:
 
 
 def _problem(offered_hz: float, iterations: Sequence[SegmentSamples]) -> Problem | None:
-    """What is impossible in the iterations at a rate, or wrong with their schedule."""
+    """Return what is impossible in the iterations at a rate, or wrong with their schedule."""
     if (impossible := impossible_result(iterations)) is not None:
         return impossible
     reason = schedule_problem(offered_hz, iterations)
@@ -215,7 +218,7 @@ class PlaybackValidity:
         )
 
     def problem(self, statistic: Statistic, at_hz: float | None) -> Problem | None:
-        """Why the values of a metric at a rate are invalid; None if they are not."""
+        """Return why the values of a metric at a rate are invalid; None if they are not."""
         if statistic == "search" or at_hz is None:
             return None
         problems = self.probes if statistic == "sequential" else self.iterations

@@ -165,11 +165,11 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
         return self.outcome == "fail" and self.level == "error"
 
     def is_at(self, rate_hz: float) -> bool:
-        """Whether it is of this offered rate."""
+        """Return whether it is of this offered rate."""
         return self.at_hz is not None and math.isclose(rate_hz, self.at_hz)
 
     def noted(self, *notes: str) -> RequirementVerdict:
-        """The same with further notes."""
+        """Return the same with further notes."""
         return msgspec.structs.replace(self, notes=(*self.notes, *notes)) if notes else self
 
     def held_back(self, doubt: str, *, opens: bool = False) -> RequirementVerdict:
@@ -270,7 +270,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def saying(self, sentence: str) -> Verdict:
-        """The same with one more sentence in its reason."""
+        """Return the same with one more sentence in its reason."""
         return msgspec.structs.replace(self, reason=f"{self.reason} {sentence}")
 
 
@@ -286,7 +286,7 @@ def outcome_of(
     policy: InconclusivePolicy = "report",
     starts: int = 0,
 ) -> tuple[OverallOutcome, str]:
-    """The outcome of a valid run, and one sentence for it.
+    """Return the outcome of a valid run, and one sentence for it.
 
     Args:
         requirements: the verdicts on them.
@@ -309,14 +309,14 @@ def outcome_of(
 
 
 def _starts_phrase(starts: int) -> str:
-    """What a verdict is about, as the beginning of a sentence."""
+    """Return what a verdict is about, as the beginning of a sentence."""
     if starts == 1:
         return "Of this start of the processes"
     return f"Over {starts} starts of the processes"
 
 
 def worst_outcome(outcomes: Sequence[Outcome], policy: InconclusivePolicy = "report") -> Outcome:
-    """The worst of some outcomes; the policy decides how inconclusive counts."""
+    """Return the worst of some outcomes; the policy decides how inconclusive counts."""
     if "fail" in outcomes:
         return "fail"
     if "inconclusive" not in outcomes:

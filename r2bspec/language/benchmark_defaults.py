@@ -35,7 +35,7 @@ MIN_ITERATIONS: Final = 2
 
 
 def default_starts(iterations: int) -> int:
-    """The number of starts for a number of iterations at each rate: 1, or at least three."""
+    """Return the number of starts for a number of iterations at each rate: 1, or at least three."""
     starts = min(DEFAULT_STARTS, iterations // MIN_ITERATIONS)
     return starts if starts >= LEAST_STARTS else 1
 

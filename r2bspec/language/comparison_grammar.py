@@ -204,7 +204,7 @@ def _check_decimal_percentile(text: str, metric: str, found: re.Match[str]) -> N
 
 
 def _parse_windows(text: str, column: int) -> tuple[float, int]:
-    """The part after ``in``: the share of windows, and their length in nanoseconds."""
+    """Return the part after ``in``: the share of windows, and their length in nanoseconds."""
     matched = re.match(r"(?P<share>[^%]*%)\s*", text[column:])
     if matched is None:
         message = "expected a share of windows after 'in', such as 99 %"
@@ -307,5 +307,5 @@ def _operator_expected(subject: str, column: int, example: str) -> ComparisonErr
 
 
 def _next_token_column(text: str, start: int = 0) -> int:
-    """The offset of the first character that is not white space, from `start` on."""
+    """Return the offset of the first character that is not white space, from `start` on."""
     return len(text) - len(text[start:].lstrip()) if text[start:].strip() else len(text)

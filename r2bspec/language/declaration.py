@@ -57,7 +57,7 @@ class NamePattern(msgspec.Struct, frozen=True, dict=True):
     message: str
 
     def matches(self, text: str) -> bool:
-        """Whether a text has the form."""
+        """Return whether a text has the form."""
         return re.search(self.exact, text) is not None
 
     @property
@@ -116,7 +116,7 @@ _NOTHING: Final = Key()
 
 
 def key(*examples: Any, **rest: Any) -> Key:
-    """A `Key` with its examples."""
+    """Return a `Key` with its examples."""
     return Key(examples=examples, **rest)
 
 
@@ -139,17 +139,17 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @classmethod
     def from_word(cls, word: str) -> Any:
-        """The value of a word in place of the map."""
+        """Return the value of a word in place of the map."""
         raise NotImplementedError(f"{cls.__name__} is not written as a word")
 
     @classmethod
     def from_keys(cls, keys: dict[str, Any]) -> Any:
-        """The value of a map with these keys, named as fields; they may be changed."""
+        """Return the value of a map with these keys, named as fields; they may be changed."""
         return cls(**keys)
 
     @classmethod
     def fields_of(cls, value: "Record") -> dict[str, Any]:
-        """The fields of this record in one that extends it."""
+        """Return the fields of this record in one that extends it."""
         return {name: getattr(value, name) for name in cls.__struct_fields__}
 
 
@@ -214,7 +214,7 @@ class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
         )
 
     def required_unless(self, *, live: bool, calls: bool) -> tuple[str, ...]:
-        """The keys that a map must have where nothing is played, or services are called."""
+        """Return the keys that a map must have where nothing is played, or services are called."""
         about = {name: rule.about for name, rule in (self.keys or {}).items()}
         return tuple(
             name
@@ -243,7 +243,7 @@ class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
         return self.kinds == ("string",) and self.quantity is None
 
     def below(self, step: str | int) -> "ValueRule | None":
-        """The rule of an entry or an item; None if there is none."""
+        """Return the rule of an entry or an item; None if there is none."""
         if isinstance(step, int):
             return self.items
         return (self.keys or {}).get(step, self.values)
@@ -267,7 +267,7 @@ class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
 
 
 def rule_of(annotation: Any) -> ValueRule:
-    """The rule of a type as it stands in an annotation."""
+    """Return the rule of a type as it stands in an annotation."""
     metadata: list[Any] = []
     while get_origin(annotation) in _WRAPPERS:
         metadata = [*getattr(annotation, "__metadata__", ()), *metadata]
@@ -290,7 +290,10 @@ def rule_of(annotation: Any) -> ValueRule:
 
 @cache
 def record_keys(record: type[Record]) -> dict[str, ValueRule]:
-    """The rules of the keys of a record, by their names in documents; inherited ones come last."""
+    """Return the rules of the keys of a record, by their names in documents.
+
+    Inherited ones come last.
+    """
     names = dict(zip(record.__struct_fields__, record.__struct_encode_fields__, strict=True))
     last = record.__struct_fields__[-len(record.__struct_defaults__) or None :]
     defaults = dict(zip(last, record.__struct_defaults__, strict=record.__struct_defaults__ != ()))
@@ -317,14 +320,14 @@ def record_keys(record: type[Record]) -> dict[str, ValueRule]:
 
 @cache
 def language() -> ValueRule:
-    """The rule of a whole document."""
+    """Return the rule of a whole document."""
     from r2bspec.language.spec import Spec
 
     return rule_of(Spec)
 
 
 def rule_at(path: Path) -> ValueRule | None:
-    """The rule of the value at a path; None if the language has no such path."""
+    """Return the rule of the value at a path; None if the language has no such path."""
     rule: ValueRule | None = language()
     for step in path:
         rule = rule.below(step) if rule is not None else None
@@ -374,7 +377,10 @@ def _rule_of_type(kind: Any) -> ValueRule:
 
 
 def _rule_of_union(members: Sequence[Any]) -> ValueRule:
-    """The rule of one of several forms; text, numbers and truth values together are one form."""
+    """Return the rule of one of several forms.
+
+    Text, numbers and truth values together are one form.
+    """
     forms = [member for member in members if member is not types.NoneType]
     if len(forms) == 1:
         return rule_of(forms[0])
@@ -401,7 +407,7 @@ def _joined(rules: Sequence[ValueRule], about: Key | None = None) -> ValueRule:
 
 
 def _merged(first: Key, second: Key) -> Key:
-    """Both, of which the second has precedence."""
+    """Return both, of which the second has precedence."""
     if first is _NOTHING:
         return second
     said = {
@@ -423,7 +429,7 @@ def _usual_examples(rule: ValueRule) -> tuple[Any, ...]:
 
 
 def _written(value: Any) -> Any:
-    """A default as it would be written; None for one that is nothing."""
+    """Return a default as it would be written; None for one that is nothing."""
     if isinstance(value, Quantity):
         return str(value)
     if isinstance(value, Record):
@@ -435,7 +441,7 @@ def _written(value: Any) -> Any:
 
 @cache
 def _snippets() -> Mapping[str, Sequence[Mapping[str, Any]]]:
-    """The snippets of records and of their fields, by name."""
+    """Return the snippets of records and of their fields, by name."""
     from importlib.resources import files
 
     import yaml
@@ -460,14 +466,14 @@ def _texts(record: type[Record]) -> Mapping[str, str]:
 
 
 def encode_text(value: object) -> str:
-    """The `enc_hook` of msgspec: a quantity, a requirement or a condition as text."""
+    """Return the `enc_hook` of msgspec: a quantity, a requirement or a condition as text."""
     if isinstance(value, Quantity | Requirement):
         return str(value)
     raise NotImplementedError(f"cannot write {type(value).__name__}")
 
 
 def decode_text(kind: type, value: object) -> Any:
-    """The `dec_hook` of msgspec: the inverse of `encode_text`.
+    """Return the `dec_hook` of msgspec: the inverse of `encode_text`.
 
     Raises:
         QuantityError: the text is not a quantity of that kind.

@@ -48,18 +48,18 @@ class Source:
         return split_lines(self.text)
 
     def line(self, number: int) -> str:
-        """The line with that number, counted from 1; empty if there is none."""
+        """Return the line with that number, counted from 1; empty if there is none."""
         return self.lines[number - 1] if 0 < number <= len(self.lines) else ""
 
     def span_at(self, offset: int) -> Span:
-        """The span of the one character at an offset into the text."""
+        """Return the span of the one character at an offset into the text."""
         before = split_lines(self.text[:offset])
         line, column = len(before), len(before[-1]) + 1
         return Span(self.file, line, column, line, column + 1)
 
 
 def has_errors(diagnostics: Iterable[Diagnostic]) -> bool:
-    """Whether one of some findings is an error."""
+    """Return whether one of some findings is an error."""
     return any(diagnostic.severity is Severity.ERROR for diagnostic in diagnostics)
 
 
@@ -154,12 +154,12 @@ def read_text(text: str, file: str) -> Source:
 
 @cache
 def _forbidden() -> re.Pattern[str]:
-    """The characters outside of YAML's c-printable."""
+    """Return the characters outside of YAML's c-printable."""
     return re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def inner_span(source: Source | None, span: Span, text: str, offset: int, length: int) -> Span:
-    """The span of ``text[offset : offset + length]``, where `text` is the value at `span`.
+    """Return the span of ``text[offset : offset + length]``, where `text` is the value at `span`.
 
     Quotes, escapes and folded lines make the characters of the file differ from those of the
     value. Therefore the part is searched for in the file, as the occurrence of the same rank. If
@@ -248,7 +248,7 @@ class ValueOrigins(msgspec.Struct, frozen=True):
     files: dict[str, tuple[Related, ...]] = msgspec.field(default_factory=dict)
 
     def with_origins(self, diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
-        """The diagnostics, each with the places that led to its file."""
+        """Return the diagnostics, each with the places that led to its file."""
         if not self.files:
             return list(diagnostics)
         located = []

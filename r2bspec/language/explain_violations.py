@@ -61,7 +61,7 @@ def _is_glued(violation: Violation) -> bool:
 
 
 def _is_explained(path: Path, explained: set[Path]) -> bool:
-    """Whether the path is at or below a path that has been explained as a whole."""
+    """Return whether the path is at or below a path that has been explained as a whole."""
     return any(path[:length] in explained for length in range(len(path) + 1))
 
 
@@ -91,7 +91,7 @@ def _place(violation: Violation) -> str:
 
 
 def invalid_key_name(violation: Violation) -> Diagnostic:
-    """A key that is not a valid name or topic."""
+    """Return a key that is not a valid name or topic."""
     form = violation.rule.names
     assert form is not None  # noqa: S101 - only such maps have names of a form
     path = (*violation.path, violation.key)
@@ -120,7 +120,7 @@ def _with_space(violation: Violation, key: str) -> tuple[str, str] | None:
 
 
 def too_many(violation: Violation) -> Diagnostic:
-    """A map or a list with more entries than a spec can have."""
+    """Return a map or a list with more entries than a spec can have."""
     node = violation.node
     number = len(node.entries) if isinstance(node, MapNode) else len(violation.value)
     what = violation.path[-1] if isinstance(node, MapNode) else "entries"
@@ -192,7 +192,7 @@ _SYNONYMS = {
 
 
 def unknown_keys(violation: Violation) -> Iterator[tuple[Diagnostic, str]]:
-    """A diagnostic for each unknown key, and the key of the same map that was intended."""
+    """Yield a diagnostic for each unknown key, and the key of the same map that was intended."""
     owner = violation.node
     if not isinstance(owner, MapNode):
         return
@@ -239,7 +239,7 @@ def _misspelled_key(violation: Violation, owner: MapNode, key: str, meant: str) 
 
 
 def _intended_keys(unknown: Sequence[str], absent: Mapping[str, ValueRule]) -> dict[str, str]:
-    """The absent key that each unknown key probably means; each is used once.
+    """Return the absent key that each unknown key probably means; each is used once.
 
     The most certain matches come first: another spelling, one item of a list, a synonym, then a key
     that is valid elsewhere (no match here), then a similar name.
@@ -264,18 +264,21 @@ def _intended_keys(unknown: Sequence[str], absent: Mapping[str, ValueRule]) -> d
 
 
 def _spelling(key: str) -> str:
-    """The key without case and separators."""
+    """Return the key without case and separators."""
     return key.casefold().replace("-", "").replace("_", "").replace(" ", "")
 
 
 def _item_of(key: str, rule: ValueRule) -> str:
-    """The spelling of a key for one item of its list, such as 'rate' of 'rates'; empty if none."""
+    """Return the spelling of a key for one item of its list, such as 'rate' of 'rates'.
+
+    Empty if none.
+    """
     spelling = _spelling(key)
     return spelling[:-1] if rule.items is not None and spelling.endswith("s") else ""
 
 
 def _missing_level(violation: Violation, owner: MapNode, key: str) -> str:
-    """The key below which a value of this shape belongs, such as 'nodes' for a node."""
+    """Return the key below which a value of this shape belongs, such as 'nodes' for a node."""
     inside = owner.entries[key].value
     if isinstance(inside, MapNode) and inside.entries:
         for name, below in (violation.rule.keys or {}).items():
@@ -304,7 +307,7 @@ def _present_key_help(owner: MapNode, key: str, properties: Iterable[str]) -> st
 
 @cache
 def _key_locations() -> dict[str, tuple[str, ...]]:
-    """The paths where each key of the language is valid, such as ``monitors.<name>``."""
+    """Return the paths where each key of the language is valid, such as ``monitors.<name>``."""
     homes: dict[str, list[str]] = {}
 
     def walk(rule: ValueRule, path: str) -> None:
@@ -323,7 +326,7 @@ _NOT_IN_FLOW = frozenset("[]{},#&*!|>'\"%@`:")
 
 
 def wrong_type(violation: Violation) -> Diagnostic:
-    """A value of another type than the schema requires."""
+    """Return a value of another type than the schema requires."""
     if violation.value is None:
         return _missing_value(violation)
     # A whole document that is one text may be a file of secrets: it is not quoted.
@@ -405,7 +408,7 @@ def _integer_help(node: ScalarNode) -> tuple[str, str]:
 
 
 def invalid_choice(violation: Violation) -> Diagnostic:
-    """A word that is not one of the choices."""
+    """Return a word that is not one of the choices."""
     words, value = violation.rule.words, violation.value
     meant = value.strip().casefold().replace("-", "_")
     of_key = next(
@@ -437,20 +440,20 @@ def pattern_mismatch(violation: Violation) -> Diagnostic:
 
 
 def out_of_range(violation: Violation) -> Diagnostic:
-    """A number below the minimum, or above the maximum."""
+    """Return a number below the minimum, or above the maximum."""
     word = "least" if violation.keyword == "minimum" else "most"
     message = f"{violation.name} must be at {word} {violation.limit}, not {violation.value}"
     return violation.error("R2B107", message)
 
 
 def empty_value(violation: Violation) -> Diagnostic:
-    """An empty string, list or map that must not be empty."""
+    """Return an empty string, list or map that must not be empty."""
     message = f"{violation.name} must not be empty"
     return violation.error("R2B108", message, _example_help(violation))
 
 
 def unsupported_version(violation: Violation) -> Diagnostic:
-    """A version of the language that this program does not support."""
+    """Return a version of the language that this program does not support."""
     version = violation.rule.const
     return violation.error(
         "R2B115",
@@ -461,7 +464,7 @@ def unsupported_version(violation: Violation) -> Diagnostic:
 
 
 def invalid_quantity_or_requirement(violation: Violation) -> Diagnostic:
-    """An invalid quantity or requirement, explained by the class that parses it."""
+    """Return an invalid quantity or requirement, explained by the class that parses it."""
     kind, value = violation.rule.quantity, violation.value
     assert kind is not None  # noqa: S101 - it has refused the value
     if value is None:
@@ -515,7 +518,7 @@ def _invalid_requirement(violation: Violation, text: str) -> Diagnostic:
 
 
 def _token_length(text: str, column: int) -> int:
-    """The length of the word that begins at a column."""
+    """Return the length of the word that begins at a column."""
     rest = text[column:]
     return len(rest.split()[0]) if rest.split() and not rest[0].isspace() else min(len(rest), 1)
 
@@ -535,7 +538,7 @@ _TYPES = {
 
 
 def describe_value(value: object) -> str:
-    """A plain value in a message: ``the number 720``, ``a list``."""
+    """Return a plain value in a message: ``the number 720``, ``a list``."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int | float):
@@ -548,24 +551,24 @@ def describe_value(value: object) -> str:
 
 
 def describe_type(rule: ValueRule) -> str:
-    """The type that a rule requires: ``a string``, ``a list``, ``a duration``."""
+    """Return the type that a rule requires: ``a string``, ``a list``, ``a duration``."""
     if rule.is_parsed and rule.quantity is not None:
         return f"a {rule.quantity.kind}"
     return join_words([_TYPES[name] for name in rule.kinds]) or "a value"
 
 
 def comma_separated(words: Iterable[str]) -> str:
-    """The words, sixteen of them at most, separated by commas."""
+    """Return the words, sixteen of them at most, separated by commas."""
     return first_words([clip(word) for word in words], 16)
 
 
 def example(rule: ValueRule) -> str:
-    """The first example of a rule as YAML on one line, or an empty string."""
+    """Return the first example of a rule as YAML on one line, or an empty string."""
     return to_flow_yaml(rule.about.examples[0]) if rule.about.examples else ""
 
 
 def to_flow_yaml(value: object) -> str:
-    """A plain value as YAML on one line."""
+    """Return a plain value as YAML on one line."""
     import yaml
 
     text = yaml.safe_dump(value, default_flow_style=True, width=10**6, sort_keys=False)
@@ -573,13 +576,13 @@ def to_flow_yaml(value: object) -> str:
 
 
 def example_line(key: str, rule: ValueRule) -> str:
-    """A line to add for a missing key, with an example value if it is short enough."""
+    """Return a line to add for a missing key, with an example value if it is short enough."""
     text = example(rule)
     return f"'{key}: {text}'" if text and len(text) <= 60 else f"'{key}'"
 
 
 def repair_text(text: str, form: NamePattern) -> str:
-    """A valid text that certainly has the same meaning, or an empty string."""
+    """Return a valid text that certainly has the same meaning, or an empty string."""
     if form is names.MESSAGE_TYPE:
         guess = _message_type(text)
     elif form is names.PYTHON_NODE:
@@ -592,7 +595,7 @@ def repair_text(text: str, form: NamePattern) -> str:
 
 
 def repair_name(name: str, form: NamePattern) -> str:
-    """A valid name close to an invalid one, or an empty string."""
+    """Return a valid name close to an invalid one, or an empty string."""
     guess = repair_text(name, form) or re.sub(r"[^A-Za-z0-9_/~]+", "_", name).strip("_")
     return guess if guess != name and form.matches(guess) else ""
 

@@ -48,7 +48,7 @@ def overlay(base: tree.MapNode, own: tree.MapNode) -> tree.MapNode:
 
 
 def rebase_paths(node: tree.TreeNode, rule: ValueRule | None, folder: str) -> tree.TreeNode:
-    """The tree with `folder` put before every relative path; `rule` is that of the node."""
+    """Return the tree with `folder` put before every relative path; `rule` is that of the node."""
     if rule is None:
         return node
     if isinstance(node, tree.ScalarNode):
@@ -157,7 +157,10 @@ class _Chain:
         return done if isinstance(done, tree.MapNode) else None
 
     def _readable_path(self, node: tree.ScalarNode, path: FilePath, text: str) -> FilePath | None:
-        """The real path of a file that may be read; None if the reason why not is reported."""
+        """Return the real path of a file that may be read.
+
+        None if the reason why not is reported.
+        """
         try:
             real = path.resolve()
             inside = any(real.is_relative_to(folder) for folder in self._folders)

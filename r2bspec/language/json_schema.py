@@ -140,7 +140,7 @@ class _SchemaWriter(msgspec.Struct, frozen=True):
         return (*rule.kinds, "string") if self._may_refer(rule) else rule.kinds
 
     def _may_refer(self, rule: ValueRule) -> bool:
-        """Whether a reference stands in place of a number or a truth value."""
+        """Return whether a reference stands in place of a number or a truth value."""
         alone = len(rule.kinds) == 1 and rule.kinds[0] in _SCALAR_NAMES and rule.const is None
         return alone and self.for_text
 

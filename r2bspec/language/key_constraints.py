@@ -80,26 +80,26 @@ class _Document:
         self.misspelt = misspelt
 
     def map_at(self, *path: str | int) -> tree.MapNode | None:
-        """The map at a path, or None."""
+        """Return the map at a path, or None."""
         node = tree.lookup(self.root, path)
         return node if isinstance(node, tree.MapNode) else None
 
     def keys(self, *path: str | int) -> Sequence[str]:
-        """The keys of the map at a path; none if there is no map."""
+        """Return the keys of the map at a path; none if there is no map."""
         return tuple(tree.entries_of(tree.lookup(self.root, path)))
 
     def entries(self, section: Path) -> Iterator[tuple[Path, tree.MapNode]]:
-        """The entries of a section that are maps, with their paths."""
+        """Yield the entries of a section that are maps, with their paths."""
         for name, entry in tree.entries_of(tree.lookup(self.root, section)).items():
             if isinstance(entry.value, tree.MapNode):
                 yield (*section, name), entry.value
 
     def word(self, *path: str | int) -> str:
-        """The text at a path, or an empty one."""
+        """Return the text at a path, or an empty one."""
         return tree.text_of(tree.lookup(self.root, path))
 
     def number(self, path: Path, default: int) -> int | None:
-        """The integer at a path, its default, or None for another value."""
+        """Return the integer at a path, its default, or None for another value."""
         value = tree.lookup(self.root, path)
         if value is None:
             return default
@@ -107,7 +107,7 @@ class _Document:
         return number if type(number) is int else None
 
     def rate(self, *path: str | int) -> Rate | None:
-        """The rate at a path, or None."""
+        """Return the rate at a path, or None."""
         try:
             return Rate.parse(self.word(*path))
         except QuantityError:
@@ -123,12 +123,12 @@ class _Document:
         span: Span | None = None,
         related: tuple[Related, ...] = (),
     ) -> Diagnostic:
-        """An error at a key, or at `span`."""
+        """Return an error at a key, or at `span`."""
         place = span or tree.span_at(self.root, path, key=True)
         return Diagnostic.error(code, message, place, help_text, path=path, related=related)
 
     def both(self, path: Path, keys: Sequence[str], help_text: str, code: str) -> Diagnostic:
-        """An error for the second of two keys that exclude each other."""
+        """Return an error for the second of two keys that exclude each other."""
         first, second = keys[:2]
         message = f"'{format_path(path)}' has both '{first}' and '{second}'"
         other = Related("the other key", tree.span_at(self.root, (*path, first), key=True))
@@ -137,7 +137,7 @@ class _Document:
     def one_of(
         self, path: Path, keys: Sequence[str], code: str, needs: str, help_text: str, only: str = ""
     ) -> Iterator[Diagnostic]:
-        """An error unless the map at a path has exactly one of some keys."""
+        """Yield an error unless the map at a path has exactly one of some keys."""
         given = [key for key in self.keys(*path) if key in keys]
         if len(given) > 1:
             keep = f"keep {only}{needs}" if only else "keep one of them"
@@ -151,7 +151,10 @@ class _Document:
     def without_effect(
         self, paths: Iterable[Path], why: str, help_text: str
     ) -> Iterator[Diagnostic]:
-        """An error for each of some keys that is written; ``{key}`` in the help is the key."""
+        """Yield an error for each of some keys that is written.
+
+        ``{key}`` in the help is the key.
+        """
         for path in paths:
             if tree.lookup(self.root, path) is not None:
                 message = f"'{format_path(path)}' has no effect{why}"
@@ -159,7 +162,7 @@ class _Document:
 
 
 def _node(document: _Document, node: tree.MapNode, path: Path) -> Iterator[Diagnostic]:
-    """The keys of one kind, and none that the kind refuses."""
+    """Yield the keys of one kind, and none that the kind refuses."""
     given = [key for key in node.entries if key in NODE_KIND_KEYS and not _is_false(node, key)]
     name = f"'{format_path(path)}'"
     first_of: dict[str, str] = {}
@@ -212,7 +215,7 @@ def _policies(document: _Document, path: Path) -> Iterator[Diagnostic]:
 
 
 def _incomplete(document: _Document, path: Path, given: str, group: str) -> Diagnostic:
-    """The diagnostic for a node that has one of the two keys of its kind."""
+    """Return the diagnostic for a node that has one of the two keys of its kind."""
     alike = sorted(members(group), key=lambda kind: kind.marker)
     name = f"'{format_path(path)}'"
     if given == group:
@@ -418,7 +421,10 @@ def _harness(document: _Document) -> Iterator[Diagnostic]:
 
 
 def _uncounted_outputs(document: _Document) -> Iterator[Diagnostic]:
-    """Where no number of outputs is expected there is no ratio; a timer has no path of stamps."""
+    """Yield where no number of outputs is expected there is no ratio.
+
+    A timer has no path of stamps.
+    """
     kinds = {
         "own_pace": (("ratio", "taps"), "its outputs answer no input"),
         "any": (("ratio",), "an input may have any number of outputs"),
@@ -483,7 +489,7 @@ def _benchmark(document: _Document) -> Iterator[Diagnostic]:
 
 
 def _number_of_rates(document: _Document) -> int:
-    """How many rates are listed, or are in a valid range; 1 where that is not known."""
+    """Return how many rates are listed, or are in a valid range; 1 where that is not known."""
     path: Path = ("benchmark", "rates")
     listed = tree.lookup(document.root, path)
     if isinstance(listed, tree.ListNode):
@@ -526,7 +532,7 @@ def _conditions(document: _Document) -> Iterator[Diagnostic]:
 
 
 def _requirements(document: _Document) -> Iterator[Diagnostic]:
-    """The requirements of all objectives together have a limit."""
+    """Yield the requirements of all objectives together have a limit."""
     lists = (tree.child(objective, "require") for _, objective in document.entries(("slos",)))
     number = sum(len(tree.items_of(listed)) for listed in lists)
     if number > MAX_REQUIREMENTS:

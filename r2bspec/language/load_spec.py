@@ -111,7 +111,7 @@ class LoadedSpec:
         return f"{name}[{self.case}]" if self.case else name
 
     def span(self, path: Path, key: bool = False) -> Span:
-        """The place of the value at a path, or of its key.
+        """Return the place of the value at a path, or of its key.
 
         For a value that is not written (a default, a missing key), it is the key of the nearest
         ancestor that is.
@@ -121,7 +121,7 @@ class LoadedSpec:
         return located_tree.span_at(self.tree, path, key=key)
 
     def span_inside(self, path: Path, offset: int, length: int = 1) -> Span:
-        """The place of a piece of the text at a path, such as a metric in a requirement."""
+        """Return the place of a piece of the text at a path, such as a metric in a requirement."""
         node = located_tree.lookup(self.tree, path)
         if not isinstance(node, located_tree.ScalarNode):
             return self.span(path)
@@ -199,7 +199,7 @@ def open_document(source: FilePath | str | bytes, options: LoadOptions) -> Docum
 def _select_cases(
     document: Document, case: str
 ) -> tuple[MatrixCases | None, tuple[MatrixCase, ...]]:
-    """The matrix and the selected cases; its problems are added to those of the document."""
+    """Return the matrix and the selected cases; its problems are added to those of the document."""
     matrix = matrix_of(document.tree, document.sources) if document.tree is not None else None
     if matrix is not None:
         document.problems.diagnostics += matrix.problems.diagnostics
@@ -260,7 +260,7 @@ def _load_case(
 
 
 def _condition_variables(root: located_tree.TreeNode) -> frozenset[str]:
-    """The variables in the `when` of objectives."""
+    """Return the variables in the `when` of objectives."""
     objectives = located_tree.entries_of(located_tree.child(root, "slos")).values()
     return frozenset(
         name

@@ -58,7 +58,7 @@ class Entry(msgspec.Struct, frozen=True, gc=False):
     key_resolved: bool = True
 
     def with_value(self, value: TreeNode) -> Entry:
-        """The same key with another value."""
+        """Return the same key with another value."""
         return Entry(self.key_span, value, self.key_resolved)
 
 
@@ -73,7 +73,7 @@ TreeNode = ScalarNode | ListNode | MapNode | UnknownNode
 
 
 def child(node: TreeNode | None, part: str | int) -> TreeNode | None:
-    """The value under a key or an index, or None."""
+    """Return the value under a key or an index, or None."""
     if isinstance(node, MapNode) and isinstance(part, str):
         entry = node.entries.get(part)
         return entry.value if entry is not None else None
@@ -83,29 +83,29 @@ def child(node: TreeNode | None, part: str | int) -> TreeNode | None:
 
 
 def entries_of(node: TreeNode | None) -> Mapping[str, Entry]:
-    """The entries of a map; of anything else none."""
+    """Return the entries of a map; of anything else none."""
     return node.entries if isinstance(node, MapNode) else {}
 
 
 def items_of(node: TreeNode | None) -> Sequence[TreeNode]:
-    """The items of a list; of anything else none."""
+    """Return the items of a list; of anything else none."""
     return node.items if isinstance(node, ListNode) else ()
 
 
 def text_of(node: TreeNode | None) -> str:
-    """The text that a node is; empty for anything else."""
+    """Return the text that a node is; empty for anything else."""
     return node.value if isinstance(node, ScalarNode) and isinstance(node.value, str) else ""
 
 
 def children(node: TreeNode) -> Sequence[tuple[str | int, TreeNode]]:
-    """The values directly inside a map or a list, with their keys or indices."""
+    """Return the values directly inside a map or a list, with their keys or indices."""
     if isinstance(node, MapNode):
         return [(key, entry.value) for key, entry in node.entries.items()]
     return list(enumerate(items_of(node)))
 
 
 def lookup(root: TreeNode | None, path: Path) -> TreeNode | None:
-    """The value at a path, or None."""
+    """Return the value at a path, or None."""
     node = root
     for part in path:
         node = child(node, part)
@@ -115,7 +115,7 @@ def lookup(root: TreeNode | None, path: Path) -> TreeNode | None:
 def replace_at(
     root: TreeNode | None, path: Path, value: TreeNode, made_at: Sequence[Span] = ()
 ) -> TreeNode:
-    """The tree with the value at a path replaced; everything else is shared.
+    """Return the tree with the value at a path replaced; everything else is shared.
 
     Args:
         root: the tree.
@@ -138,7 +138,7 @@ def replace_at(
 
 
 def count_values(root: TreeNode) -> int:
-    """How many values a tree has, those that an alias repeats each time."""
+    """Return how many values a tree has, those that an alias repeats each time."""
     counts: dict[int, int] = {}
 
     def count(node: TreeNode) -> int:
@@ -150,13 +150,13 @@ def count_values(root: TreeNode) -> int:
 
 
 def without(node: MapNode, key: str) -> MapNode:
-    """The map without one of its keys."""
+    """Return the map without one of its keys."""
     entries = {name: entry for name, entry in node.entries.items() if name != key}
     return MapNode(entries, node.span)
 
 
 def span_at(root: TreeNode, path: Path, *, key: bool = False) -> Span:
-    """The place of the value at a path, or, with `key`, of its key.
+    """Return the place of the value at a path, or, with `key`, of its key.
 
     If the path does not exist, it is the key of the nearest ancestor that does; for the document
     itself, its first key.
@@ -179,7 +179,7 @@ def _first_key_span(root: TreeNode) -> Span:
 
 
 def to_plain(root: TreeNode) -> Any:
-    """The tree as dicts, lists and scalars; unknown values become None. Sharing is kept."""
+    """Return the tree as dicts, lists and scalars; unknown values become None. Sharing is kept."""
     known: dict[int, Any] = {}
 
     def plain(node: TreeNode) -> Any:

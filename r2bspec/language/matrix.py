@@ -59,7 +59,7 @@ class MatrixCases(msgspec.Struct):
 
 
 def matrix_of(root: tree.TreeNode, sources: Mapping[str, Source]) -> MatrixCases | None:
-    """The matrix of a document, or None if it has none.
+    """Return the matrix of a document, or None if it has none.
 
     Args:
         root: the document.
@@ -206,7 +206,7 @@ _MAX_NAMED_CASES = 5
 def merge_case_findings(
     cases: Sequence[LoadedSpec], findings: Sequence[Iterable[Diagnostic]]
 ) -> list[Diagnostic]:
-    """The findings of all cases, sorted by place.
+    """Return the findings of all cases, sorted by place.
 
     A finding that several cases share is reported once. One that only some cases have names them,
     with the place where their values are chosen.

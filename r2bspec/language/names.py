@@ -17,7 +17,7 @@ def _identifier(noun: str, of: str) -> NamePattern:
 
 
 def _interface(noun: str, folder: str, example: str) -> NamePattern:
-    """A type of messages, services or actions, of which packages have a folder each."""
+    """Return a type of messages, services or actions, of which packages have a folder each."""
     pattern = f"^[A-Za-z][A-Za-z0-9_]*/{folder}/[A-Z][A-Za-z0-9]*$"
     article = "an" if noun[0] in "aeiou" else "a"
     message = f"{article} {noun} has the form package/{folder}/Name, such as {example}"

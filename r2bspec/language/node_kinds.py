@@ -162,14 +162,14 @@ NODE_KIND_KEYS: Final = tuple(dict.fromkeys(key for kind in NODE_KINDS for key i
 
 
 def kind_of(values: object) -> NodeKind:
-    """The kind of a node whose keys are attributes; of nothing that says any, a command."""
+    """Return the kind of a node whose keys are attributes; of nothing that says any, a command."""
     return next(
         (kind for kind in NODE_KINDS if all(getattr(values, key) for key in kind.keys)), COMMAND
     )
 
 
 def kinds_text() -> str:
-    """The kinds by their keys, such as ``'a', 'b' with 'c', or 'd'``."""
+    """Return the kinds by their keys, such as ``'a', 'b' with 'c', or 'd'``."""
     return _one_of([" with ".join(f"'{key}'" for key in kind.keys) for kind in NODE_KINDS])
 
 
@@ -180,7 +180,7 @@ def kinds_help() -> str:
 
 
 def members(group: str) -> tuple[NodeKind, ...]:
-    """The kinds that have the same first key."""
+    """Return the kinds that have the same first key."""
     return tuple(kind for kind in NODE_KINDS if kind.group == group)
 
 

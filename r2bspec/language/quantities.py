@@ -113,7 +113,7 @@ class Quantity:
 
     @classmethod
     def units_text(cls) -> str:
-        """The units in a sentence: ``the unit of a share is %``."""
+        """Return the units in a sentence: ``the unit of a share is %``."""
         if len(cls.units) == 1:
             return f"the unit of a {cls.kind} is {next(iter(cls.units))}"
         return f"the units of a {cls.kind} are {', '.join(cls.units)}"
@@ -160,7 +160,7 @@ class Quantity:
 
     @classmethod
     def _known_unit(cls, unit: str) -> str:
-        """The unit that a word certainly means, or an empty string."""
+        """Return the unit that a word certainly means, or an empty string."""
         folded = unit.casefold()
         by_fold = {name.casefold(): name for name in reversed(cls.units)}
         meant = by_fold.get(folded) or _UNIT_ALIASES.get(folded, "")
@@ -308,7 +308,7 @@ class Energy(Quantity):
 
 
 def _format_decimal(number: Decimal) -> str:
-    """A decimal number as text, without exponent and trailing zeros."""
+    """Return a decimal number as text, without exponent and trailing zeros."""
     text = format(number.normalize(), "f")
     return text.rstrip("0").rstrip(".") if "." in text else text
 

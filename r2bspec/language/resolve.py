@@ -192,7 +192,7 @@ class Resolver:
     def _value(
         self, found: variables.Reference | variables.MalformedReference, node: ScalarNode
     ) -> ScalarNode | None:
-        """The value of one reference, with its origin; None if it is unknown."""
+        """Return the value of one reference, with its origin; None if it is unknown."""
         if isinstance(found, variables.MalformedReference):
             span = self._inner(node, found.start, found.end - found.start)
             self.problems.error("R2B123", found.message, span, found.help)
@@ -281,7 +281,7 @@ class Resolver:
 
 
 def _is_final(node: TreeNode) -> bool:
-    """Whether a node is a single value without a reference."""
+    """Return whether a node is a single value without a reference."""
     if type(node) is not ScalarNode:
         return False
     return type(node.value) is not str or variables.OPENING not in node.value

@@ -54,13 +54,13 @@ class SpecSelection:
     allow_paths: Iterable[Path] = ()
 
     def load(self) -> LoadedSpec:
-        """The spec, or its selected case, with all problems in `diagnostics`."""
+        """Return the spec, or its selected case, with all problems in `diagnostics`."""
         from r2bspec.language.load_spec import load_spec
 
         return load_spec(self.spec, **self._values())
 
     def load_cases(self) -> tuple[LoadedSpec, ...]:
-        """Every case of the spec, or the selected one."""
+        """Return every case of the spec, or the selected one."""
         from r2bspec.language.load_spec import load_cases
 
         return load_cases(self.spec, **self._values())

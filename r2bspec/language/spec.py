@@ -142,7 +142,7 @@ class VariableDeclaration(Record, frozen=True, kw_only=True):
 
     @classmethod
     def from_keys(cls, keys: dict[str, Any]) -> Scalar | None:
-        """The value; None if it has none."""
+        """Return the value; None if it has none."""
         value: Scalar | None = keys.get("value", keys.get("default"))
         return value
 

@@ -45,7 +45,7 @@ class BagSource(Record, frozen=True, kw_only=True):
 
     @classmethod
     def from_word(cls, word: str) -> "BagSource":
-        """A path if the text looks like one, else a dataset."""
+        """Return a path if the text looks like one, else a dataset."""
         is_path = "/" in word or word.startswith(".")
         return cls(path=word) if is_path else cls(dataset=word)
 
@@ -610,7 +610,7 @@ class RateRange(Record, frozen=True, kw_only=True):
 
     @classmethod
     def from_keys(cls, keys: dict[str, Any]) -> tuple[Rate, ...]:
-        """The rates, in exact arithmetic; the last is `to` only if the step reaches it.
+        """Return the rates, in exact arithmetic; the last is `to` only if the step reaches it.
 
         Ranges that are refused (`r2bspec.language.key_constraints`) are those without an end.
         """

@@ -198,12 +198,12 @@ class QoS(Record, frozen=True, kw_only=True):
 
     @classmethod
     def from_word(cls, word: str) -> "QoS":
-        """The profile of that name."""
+        """Return the profile of that name."""
         return cls(**PROFILES[word])
 
     @classmethod
     def from_keys(cls, keys: dict[str, Any]) -> "QoS":
-        """A profile with all fields of the one that it is based on, and its own."""
+        """Return a profile with all fields of the one that it is based on, and its own."""
         return cls(**PROFILES[keys.pop("profile", "default")] | keys)
 
     def words(self) -> list[str]:

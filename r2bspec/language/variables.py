@@ -89,7 +89,7 @@ def references(text: str) -> Iterator[Reference | MalformedReference]:
 
 
 def _why_malformed(reference: str) -> tuple[str, str]:
-    """What is wrong with a text that begins like a reference, and the fix."""
+    """Return what is wrong with a text that begins like a reference, and the fix."""
     if not reference.endswith(")"):
         return "unclosed '$('", "close it with ')'"
     word, _, rest = reference[2:-1].strip().partition(" ")
@@ -116,7 +116,7 @@ _PLAIN_TYPES: dict[str, tuple[str, tuple[type, ...]]] = {
 
 
 def listed_environment(root: TreeNode) -> dict[str, ScalarNode]:
-    """The environment variables that a document lists under `environment`, by name."""
+    """Return the environment variables that a document lists under `environment`, by name."""
     listed = items_of(child(root, "environment"))
     return {
         item.value: item
@@ -126,7 +126,7 @@ def listed_environment(root: TreeNode) -> dict[str, ScalarNode]:
 
 
 def declared_value(declared: TreeNode) -> TreeNode | None:
-    """The value of a variable, declared as a map or not; None if it has none."""
+    """Return the value of a variable, declared as a map or not; None if it has none."""
     if not isinstance(declared, MapNode):
         return declared
     for key in _VALUE_KEYS:
@@ -136,7 +136,7 @@ def declared_value(declared: TreeNode) -> TreeNode | None:
 
 
 def with_value(declared: TreeNode, value: TreeNode) -> TreeNode:
-    """The same declaration with another value."""
+    """Return the same declaration with another value."""
     if not isinstance(declared, MapNode):
         return value
     entries = {
@@ -146,7 +146,7 @@ def with_value(declared: TreeNode, value: TreeNode) -> TreeNode:
 
 
 def with_variables(root: TreeNode, values: Mapping[str, TreeNode]) -> TreeNode:
-    """The document with other values for those variables that it declares."""
+    """Return the document with other values for those variables that it declares."""
     for name, entry in entries_of(child(root, "variables")).items():
         if name in values:
             root = replace_at(root, ("variables", name), with_value(entry.value, values[name]))
@@ -197,7 +197,7 @@ def check_declaration(
 
 
 def _mismatch(node: ScalarNode, kind: str) -> tuple[str, str]:
-    """Why a value is not of a type, and the fix; two empty strings if it is."""
+    """Return why a value is not of a type, and the fix; two empty strings if it is."""
     if kind in _PLAIN_TYPES:
         accepted, types = _PLAIN_TYPES[kind]
         if type(node.value) in types:
@@ -252,7 +252,10 @@ def apply_overrides(document: Document, sets: Sequence[str], variables: Variable
 
 
 def parse_path(text: str) -> Path:
-    """The path in a text such as ``data_loader.topics['/a']``; empty if the text is not a path."""
+    """Return the path in a text such as ``data_loader.topics['/a']``.
+
+    Empty if the text is not a path.
+    """
     return _parse(f"{text}=").path
 
 
@@ -302,7 +305,7 @@ def missing_step(
 
 
 def _can_add(node: TreeNode | None, path: Path, *, sets_map: bool) -> bool:
-    """Whether a value that the document lacks can be set: a key of the language.
+    """Return whether a value that the document lacks can be set: a key of the language.
 
     A name that the user chooses, such as that of a node, is added only where its value has no keys
     of its own, as a parameter has none: a misspelt node must not become a second one. A container
@@ -391,7 +394,7 @@ def _value(document: Document, option: _Option) -> TreeNode:
 
 
 def _path_suggestion(node: TreeNode | None, path: Path) -> str:
-    """What to write instead of the last part of a path."""
+    """Return what to write instead of the last part of a path."""
     if isinstance(node, ListNode):
         return f"the list has {len(node.items)} items, the first is [0]"
     parent = rule_at(path[:-1])

@@ -64,7 +64,7 @@ class ScalarError(ValueError):
 
 
 def resolve(text: str) -> ScalarValue:
-    """The value of an unquoted scalar.
+    """Return the value of an unquoted scalar.
 
     Raises:
         ScalarError: an integer that exceeds 64 bits, or a number that is not finite.
@@ -83,7 +83,7 @@ def resolve(text: str) -> ScalarValue:
 
 
 def parse_unquoted(text: str) -> ScalarValue:
-    """The value of a text from outside, read like an unquoted value of the document."""
+    """Return the value of a text from outside, read like an unquoted value of the document."""
     if not text:
         return text
     try:
@@ -129,7 +129,7 @@ _Dumper.add_representer(str, _represent_text)
 
 
 def to_yaml(plain: Any) -> str:
-    """The YAML text of dicts, lists and scalars; keys keep their order."""
+    """Return the YAML text of dicts, lists and scalars; keys keep their order."""
     written: str = yaml.dump(plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
     return written
 
@@ -173,13 +173,13 @@ class CollectionBuilder(msgspec.Struct):
             self._add_entry(key, node, span)
 
     def last(self) -> TreeNode | None:
-        """The last value."""
+        """Return the last value."""
         if not self.is_map:
             return self.items[-1] if self.items else None
         return next(reversed(self.entries.values())).value if self.entries else None
 
     def node(self, span: Span) -> TreeNode:
-        """The finished collection."""
+        """Return the finished collection."""
         if not self.is_map:
             return ListNode(tuple(self.items), span)
         if not self.merges:
@@ -277,7 +277,10 @@ def compose(source: Source) -> ComposeResult:
 
 
 def _events(text: str) -> Iterator[Any]:
-    """The events of the parser; those of libyaml without the detour that `yaml.parse` takes."""
+    """Return the events of the parser.
+
+    Those of libyaml without the detour that `yaml.parse` takes.
+    """
     if _CParser is None:
         return cast("Iterator[Any]", yaml.parse(text, Loader=yaml.Loader))
     # It ends with None.

@@ -56,7 +56,7 @@ def _tab(problem: str, span: Span, source: Source) -> Diagnostic | None:
 def _unclosed(
     problem: str, context: str, span: Span, began: Span, source: Source
 ) -> Diagnostic | None:
-    """A quote or a bracket without its end; the place is that of its beginning."""
+    """Return a quote or a bracket without its end; the place is that of its beginning."""
     in_quotes = "unexpected end of stream" in problem or "document indicator" in problem
     if not in_quotes and "flow" not in context:
         return None
@@ -119,7 +119,10 @@ def _missing_dash(
 
 
 def _span(source: Source, mark: yaml.Mark | None, default: Span | None = None) -> Span:
-    """The span of the character at a mark; one past the end of the text is moved to its end."""
+    """Return the span of the character at a mark.
+
+    One past the end of the text is moved to its end.
+    """
     if mark is None:
         return default or Span.of_file(source.file)
     line, column = mark.line, mark.column

@@ -44,7 +44,7 @@ COMMANDS: Final = tuple(_VERBS)
 
 
 def _command(title: str, name: str, path: Path, **about: str) -> types.Command:
-    """A command about the spec of a file, and a case or a node of it."""
+    """Return a command about the spec of a file, and a case or a node of it."""
     return types.Command(title, name, arguments=[{"file": str(path), **about}])
 
 
@@ -78,7 +78,7 @@ _MAX_CASES: Final = 8
 
 
 def code_lenses(analysis: Analysis, positions: TextPositions) -> Iterator[types.CodeLens]:
-    """The lenses of a document: of each case one line."""
+    """Yield the lenses of a document: of each case one line."""
     if analysis.context is None:
         return
     # The name may be in an extended file: the lenses are at the beginning of this one then.
@@ -99,7 +99,7 @@ REQUEST: Final = "r2bspec/cases"
 
 
 def spec_cases(path: Path, text: str, unsaved: Mapping[Path, str]) -> list[dict[str, Any]]:
-    """The cases of a text, of one with errors those that can be told.
+    """Return the cases of a text, of one with errors those that can be told.
 
     Each has the name of the benchmark with its case, the case as ``--case`` takes it, and the line
     of the name in the spec, from 0.
@@ -131,7 +131,7 @@ _UNREADABLE = ("R2B0", "R2B1")
 def code_actions(
     analysis: Analysis, positions_of: PositionsOf, where: types.Range
 ) -> list[types.CodeAction]:
-    """What can be done about the findings in a range, and about the node there."""
+    """Return what can be done about the findings in a range, and about the node there."""
     positions = positions_of(str(analysis.path))
     start, end = positions.offset(where.start), positions.offset(where.end)
     here = [
@@ -172,7 +172,7 @@ _MEANT: Final = re.compile(r"^did you mean '([^']+)'\?")
 
 
 def _meant(each: Diagnostic, positions_of: PositionsOf) -> Edit | None:
-    """The name that a finding proposes in place of what it is at, if that is the wrong name.
+    """Return the name that a finding proposes in place of what it is at, if that is the wrong name.
 
     It is a guess, which a person may choose and nothing else applies.
     """

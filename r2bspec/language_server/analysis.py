@@ -37,7 +37,7 @@ _MAX_ROUNDS: Final = 8
 
 
 def tentative_context(loaded: LoadedSpec) -> Context | None:
-    """The context of what is written, as far as it can be made valid; None if it cannot.
+    """Return the context of what is written, as far as it can be made valid; None if it cannot.
 
     Args:
         loaded: the document, with errors.
@@ -229,16 +229,16 @@ class OpenSpecs:
         self.generation += 1
 
     def text(self, path: Path) -> str | None:
-        """The newest text of a document; None if it is not open."""
+        """Return the newest text of a document; None if it is not open."""
         document = self._documents.get(path)
         return document.text if document is not None else None
 
     def document(self, path: Path) -> OpenDocument | None:
-        """A document as it is in the editor; None if it is not open."""
+        """Return a document as it is in the editor; None if it is not open."""
         return self._documents.get(path)
 
     def specs(self) -> list[Path]:
-        """The open documents that are specs, and not parts that only others extend."""
+        """Return the open documents that are specs, and not parts that only others extend."""
         return [path for path, document in self._documents.items() if document.is_spec]
 
     def analyse(self, path: Path) -> Analysis:
@@ -254,18 +254,18 @@ class OpenSpecs:
             self._valid[analysis.path] = analysis
 
     def latest(self, path: Path) -> Analysis | None:
-        """The newest analysis; of an older text while a newer one is being analysed."""
+        """Return the newest analysis; of an older text while a newer one is being analysed."""
         return self._latest.get(path)
 
     def latest_known(self, path: Path) -> Analysis | None:
-        """The newest analysis from which names can be proposed; otherwise the newest."""
+        """Return the newest analysis from which names can be proposed; otherwise the newest."""
         latest = self._latest.get(path)
         if latest is None or latest.known is not None:
             return latest
         return self._valid.get(path, latest)
 
     def affected_by(self, path: Path) -> list[Path]:
-        """The open specs of which the findings may change with a document."""
+        """Return the open specs of which the findings may change with a document."""
         specs = self.specs()
         readers = [
             spec
@@ -278,18 +278,18 @@ class OpenSpecs:
         return specs
 
     def current(self, path: Path) -> Analysis:
-        """The analysis of the newest text; made now if there is none."""
+        """Return the analysis of the newest text; made now if there is none."""
         if not self.is_analysed(path):
             self.keep(self.analyse(path))
         return self._latest[path]
 
     def is_analysed(self, path: Path) -> bool:
-        """Whether the newest text of a document is the one that was analysed."""
+        """Return whether the newest text of a document is the one that was analysed."""
         latest = self._latest.get(path)
         return latest is not None and latest.text == self.text(path)
 
     def unsaved(self) -> Mapping[Path, str]:
-        """The texts of all open files, by their resolved paths.
+        """Return the texts of all open files, by their resolved paths.
 
         An analysis asks on a thread of its own, while documents are opened and closed.
         """
@@ -298,7 +298,10 @@ class OpenSpecs:
 
 
 def _resolved(path: Path) -> Path:
-    """The path without links; one that cannot be resolved, as in a loop of links, as it is."""
+    """Return the path without links.
+
+    One that cannot be resolved, as in a loop of links, as it is.
+    """
     try:
         return path.resolve()
     except (OSError, RuntimeError, ValueError):

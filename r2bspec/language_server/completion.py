@@ -39,7 +39,7 @@ class _BlockDumper(yaml.SafeDumper):
 
 
 def snippet_text(body: Mapping[str, Any]) -> str:
-    """The lines of a snippet, not indented.
+    """Return the lines of a snippet, not indented.
 
     A value that is only a placeholder is left empty: an editor proposes what begins with the text
     before the cursor, and the text of a placeholder would be the beginning of nothing.
@@ -52,7 +52,9 @@ def snippet_text(body: Mapping[str, Any]) -> str:
 
 
 def key_snippet(key: str, rule: ValueRule) -> str:
-    """A key with room for its value below it; empty where the value follows on the same line.
+    """Return a key with room for its value below it.
+
+    Empty where the value follows on the same line.
 
     Args:
         key: the key.
@@ -104,7 +106,7 @@ def complete(
     position: types.Position,
     client: ClientCapabilities,
 ) -> list[types.CompletionItem]:
-    """What can be written at a position.
+    """Return what can be written at a position.
 
     Args:
         analysis: of the latest version that was valid; it may be older than the text.
@@ -167,7 +169,7 @@ class _Insertion:
         return _AFTER_KEY.match(self.before) is not None
 
     def indented(self, text: str) -> str:
-        """A text with the indentation of the place in the lines after its first."""
+        """Return a text with the indentation of the place in the lines after its first."""
         match = _BLOCK.match(self.before) or _AFTER_KEY.match(self.before)
         if match is None:
             return text
@@ -190,7 +192,7 @@ def _keys(
 def _first_keys(
     analysis: Analysis | None, context: CursorContext, where: _Insertion
 ) -> Iterator[CompletionProposal]:
-    """The keys of a map that has none yet; on a line of their own, as YAML needs it."""
+    """Yield the keys of a map that has none yet; on a line of their own, as YAML needs it."""
     if not where.is_after_key:
         yield from _keys(analysis, context, where)
     elif where.client.snippets:
@@ -201,12 +203,12 @@ def _first_keys(
 
 
 def _plain(text: str) -> str:
-    """A text without placeholders, as one with them."""
+    """Return a text without placeholders, as one with them."""
     return re.sub(r"[\\$}]", r"\\\g<0>", text)
 
 
 def _with_room(each: CompletionProposal, context: CursorContext) -> CompletionProposal:
-    """A key with room for its map or its list below it."""
+    """Return a key with room for its map or its list below it."""
     rule = rule_at((*context.path, each.label))
     text = key_snippet(each.label, rule) if rule is not None and not each.is_snippet else ""
     return replace(each, insert=text, is_snippet=True) if text else each
@@ -253,7 +255,7 @@ def _schema_snippets(context: CursorContext) -> Iterator[CompletionProposal]:
 
 
 def _references(analysis: Analysis | None, kind: str) -> Iterator[CompletionProposal]:
-    """The variables, and the names of the environment that the spec lists."""
+    """Yield the variables, and the names of the environment that the spec lists."""
     if analysis is None:
         return
     if kind != "env":

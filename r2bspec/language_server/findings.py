@@ -26,7 +26,10 @@ PositionsOf = Callable[[str], TextPositions]
 def diagnostics_by_file(
     analysis: Analysis, positions_of: PositionsOf
 ) -> Mapping[str, list[types.Diagnostic]]:
-    """The diagnostics of every file of an analysis; a file without findings has an empty list."""
+    """Return the diagnostics of every file of an analysis.
+
+    A file without findings has an empty list.
+    """
     diagnostics: dict[str, list[types.Diagnostic]] = {
         name: [] for name in analysis.sources if is_file(name)
     }
@@ -65,17 +68,17 @@ def to_diagnostic(each: Diagnostic, file: str, positions_of: PositionsOf) -> typ
 
 
 def uri(file: str) -> str:
-    """The URI of a file."""
+    """Return the URI of a file."""
     return Path(file).absolute().as_uri()
 
 
 def is_file(name: str) -> bool:
-    """Whether a span is in a file, and not in an option or the environment."""
+    """Return whether a span is in a file, and not in an option or the environment."""
     return name.startswith("/")
 
 
 def _visible(span: Span) -> Span:
-    """A span with at least one character, so that editors can underline it."""
+    """Return a span with at least one character, so that editors can underline it."""
     if (span.line, span.column) == (span.end_line, span.end_column):
         return Span(span.file, span.line, span.column, span.line, span.column + 1)
     return span

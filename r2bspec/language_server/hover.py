@@ -21,7 +21,7 @@ from r2bspec.plan.wiring.wiring import WiredEndpoint
 def hover(
     analysis: Analysis, positions: TextPositions, position: types.Position
 ) -> types.Hover | None:
-    """The documentation of what is at a position; None if there is nothing to say."""
+    """Return the documentation of what is at a position; None if there is nothing to say."""
     tree = analysis.loaded.tree
     if tree is None:
         return None
@@ -53,7 +53,7 @@ def _about_key(path: Path) -> Iterator[str]:
 
 
 def _about_value(analysis: Analysis, place: DocumentPlace) -> Iterator[str]:
-    """The value after substitution, where it is not the text that is written."""
+    """Yield the value after substitution, where it is not the text that is written."""
     tree = analysis.loaded.tree
     node = lookup(tree, place.path)
     elsewhere = node is not None and node.span.file != str(analysis.path)
@@ -91,7 +91,7 @@ def _endpoint(end: WiredEndpoint) -> str:
 
 
 def _about_requirement(analysis: Analysis, path: Path) -> Iterator[str]:
-    """A requirement in words, with what its metric means and how many messages it needs."""
+    """Yield a requirement in words, with what its metric means and how many messages it needs."""
     context = analysis.context
     if context is None:
         return

@@ -39,7 +39,7 @@ ENCODINGS: Final[Mapping[str, tuple[str, int]]] = {
 
 
 def _units(text: str, encoding: str) -> int:
-    """The length of a text, as the protocol counts it."""
+    """Return the length of a text, as the protocol counts it."""
     if text.isascii():
         return len(text)
     codec, size = ENCODINGS[encoding]
@@ -81,7 +81,10 @@ class TextPositions:
         return _line_starts(LINE_BREAK, self.text[self._skipped :], self._skipped)
 
     def offset_of_place(self, line: int, column: int) -> int:
-        """The offset of a place of the compiler; beyond the text, that of the nearest character."""
+        """Return the offset of a place of the compiler.
+
+        Beyond the text, that of the nearest character.
+        """
         if line > len(self._yaml_starts):
             return len(self.text)
         return min(self._yaml_starts[max(line, 1) - 1] + column - 1, len(self.text))
@@ -93,7 +96,10 @@ class TextPositions:
         return line, offset - self._yaml_starts[line - 1] + 1
 
     def offset(self, position: types.Position) -> int:
-        """The offset of a position of the protocol; beyond its line, that of the line's end."""
+        """Return the offset of a position of the protocol.
+
+        Beyond its line, that of the line's end.
+        """
         if position.line >= len(self._starts):
             return len(self.text)
         start = self._starts[position.line]
@@ -101,21 +107,21 @@ class TextPositions:
         return start + _characters(line, position.character, self._encoding)
 
     def position(self, offset: int) -> types.Position:
-        """The position of the protocol at an offset."""
+        """Return the position of the protocol at an offset."""
         line = bisect_right(self._starts, offset) - 1
         before = self.text[self._starts[line] : offset]
         return types.Position(line, _units(before, self._encoding))
 
     def range(self, span: Span) -> types.Range:
-        """The range of a span."""
+        """Return the range of a span."""
         return self.range_of_offsets(*self.offsets(span))
 
     def range_of_offsets(self, start: int, end: int) -> types.Range:
-        """The range between two offsets."""
+        """Return the range between two offsets."""
         return types.Range(self.position(start), self.position(end))
 
     def offsets(self, span: Span) -> tuple[int, int]:
-        """The offsets of a span: its first character, and the one after its last."""
+        """Return the offsets of a span: its first character, and the one after its last."""
         return (
             self.offset_of_place(span.line, span.column),
             self.offset_of_place(span.end_line, span.end_column),
@@ -161,7 +167,7 @@ class DocumentPlace:
 
 
 def place_at(tree: TreeNode, file: str, place: tuple[int, int]) -> DocumentPlace | None:
-    """The innermost key or value at a place; None where there is none, as in a comment."""
+    """Return the innermost key or value at a place; None where there is none, as in a comment."""
 
     def contains(span: Span) -> bool:
         start, end = (span.line, span.column), (span.end_line, span.end_column)
@@ -209,7 +215,7 @@ class CursorContext:
 
 
 def cursor_context(text: str, offset: int) -> CursorContext | None:
-    """The context of the cursor at an offset; None in a comment, or where nothing fits.
+    """Return the context of the cursor at an offset; None in a comment, or where nothing fits.
 
     None, too, in a text that is too long to be parsed with every key press.
     """
@@ -255,7 +261,7 @@ def _candidates(text: str, start: int, end: int) -> Iterator[str]:
 
 
 def _open_brackets(text: str) -> str:
-    """What closes the flow collections that are open at the end of a text."""
+    """Return what closes the flow collections that are open at the end of a text."""
     opened: list[str] = []
     for line in text.rsplit("\n", 40):
         quote = ""

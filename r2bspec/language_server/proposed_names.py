@@ -72,7 +72,7 @@ def _topic(
 
 
 def _topics_beside(analysis: Analysis, owner: Path) -> Iterator[str]:
-    """The topics of the input or the monitor whose type is written."""
+    """Yield the topics of the input or the monitor whose type is written."""
     if owner[:2] == ("playback", "inputs"):
         yield str(owner[-1])
     for key in ("from", "topic"):
@@ -82,7 +82,7 @@ def _topics_beside(analysis: Analysis, owner: Path) -> Iterator[str]:
 
 
 def _of_topics(known: Context, owner: Path, topics: Iterator[str]) -> Iterator[str]:
-    """The types of topics, without what the entry that is written says itself."""
+    """Yield the types of topics, without what the entry that is written says itself."""
     names = {expand(topic, "", known.wiring.namespace) for topic in topics if topic}
     for phase in known.wiring.phases:
         for end in phase.endpoints:
@@ -96,26 +96,26 @@ def _common_types() -> tuple[str, ...]:
 
 
 def variable_value(analysis: Analysis, name: str) -> str:
-    """The value of a variable as it is written; empty if it is unknown."""
+    """Return the value of a variable as it is written; empty if it is unknown."""
     node = lookup(analysis.loaded.tree, ("variables", name))
     return node.text if isinstance(node, ScalarNode) else ""
 
 
 def environment_names(analysis: Analysis) -> list[str]:
-    """The names of the environment that the spec may use."""
+    """Return the names of the environment that the spec may use."""
     listed = (lookup(tree, ("environment",)) for tree in analysis.written.values())
     return list(dict.fromkeys(name for value in listed for name in _texts(value)))
 
 
 def bag_topics(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The topics of the recordings, with their types."""
+    """Yield the topics of the recordings, with their types."""
     bag = analysis.known.bag if analysis.known is not None else None
     for name, info in (bag.topics if bag is not None else {}).items():
         yield _topic(name, info.type)
 
 
 def graph_topics(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The topics of the spec, relative to its namespace, with their types."""
+    """Yield the topics of the spec, relative to its namespace, with their types."""
     spec_context = analysis.known
     if spec_context is None:
         return
@@ -134,7 +134,7 @@ def _owners(topic: str, ends: Iterable[Any]) -> Iterator[str]:
 
 
 def input_topics(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The topics that the graph needs and does not publish; then those that are loaded."""
+    """Yield the topics that the graph needs and does not publish; then those that are loaded."""
     spec_context = analysis.known
     if spec_context is None:
         return
@@ -164,7 +164,7 @@ def _node_at(analysis: Analysis, path: Path) -> NodeWiring | None:
 
 
 def own_topics(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """The topics of a node by their names in its code."""
+    """Yield the topics of a node by their names in its code."""
     node = _node_at(analysis, context.path)
     if node is None:
         return
@@ -174,7 +174,7 @@ def own_topics(analysis: Analysis, context: CursorContext) -> Iterator[Completio
 
 
 def parameters(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """The declared parameters of a node, with their types and defaults."""
+    """Yield the declared parameters of a node, with their types and defaults."""
     node = _node_at(analysis, context.path)
     for name, info in ((node.interface.parameters or {}) if node is not None else {}).items():
         default = "" if info.default is None else f", default {info.default}"
@@ -187,13 +187,13 @@ def parameters(analysis: Analysis, context: CursorContext) -> Iterator[Completio
 
 
 def containers(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The containers of the spec."""
+    """Yield the containers of the spec."""
     for name in names_of(analysis, "container"):
         yield CompletionProposal(name, "container", kind=types.CompletionItemKind.Module, order=5)
 
 
 def lever_paths(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The paths of what a search can vary: parameters of nodes, and threads of processes."""
+    """Yield the paths of what a search can vary: parameters of nodes, and threads of processes."""
     known = analysis.known
     for node in known.wiring.measure.nodes if known is not None else ():
         names = [f"parameters.{name}" for name in node.interface.parameters or {}]
@@ -203,14 +203,14 @@ def lever_paths(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProp
 
 
 def variables(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The variables of the spec, with their values."""
+    """Yield the variables of the spec, with their values."""
     for name in names_of(analysis, "variable"):
         value = variable_value(analysis, name)
         yield CompletionProposal(name, value, kind=types.CompletionItemKind.Variable, order=5)
 
 
 def inputs(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The inputs of the player; of a live graph, what monitors see."""
+    """Yield the inputs of the player; of a live graph, what monitors see."""
     spec = analysis.known.spec if analysis.known is not None else None
     for name in spec.playback.inputs if spec is not None else ():
         yield _topic(name, "input")
@@ -219,14 +219,14 @@ def inputs(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]
 
 
 def rates(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The rates of the benchmark."""
+    """Yield the rates of the benchmark."""
     known = analysis.known
     for rate in known.spec.benchmark.rates if known is not None else ():
         yield CompletionProposal(str(rate), "a rate of the benchmark", order=5)
 
 
 def parameter_values(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """The default of the parameter that is written."""
+    """Yield the default of the parameter that is written."""
     node = _node_at(analysis, context.path)
     known = (node.interface.parameters or {}) if node is not None else {}
     info = known.get(str(context.path[-1]))
@@ -237,14 +237,14 @@ def parameter_values(analysis: Analysis, context: CursorContext) -> Iterator[Com
 
 
 def axes(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The variables of the matrix: those that cases differ in."""
+    """Yield the variables of the matrix: those that cases differ in."""
     for name in _axes(analysis):
         detail = ", ".join(_texts(_axes(analysis)[name]))
         yield CompletionProposal(name, detail, kind=types.CompletionItemKind.Variable, order=3)
 
 
 def axis_values(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """The values of the variable that is written, in the cases of the matrix."""
+    """Yield the values of the variable that is written, in the cases of the matrix."""
     for text in _texts(_axes(analysis).get(str(context.path[-1]))):
         yield CompletionProposal(
             text, "of a case", kind=types.CompletionItemKind.EnumMember, order=3
@@ -252,13 +252,13 @@ def axis_values(analysis: Analysis, context: CursorContext) -> Iterator[Completi
 
 
 def case_variables(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """The variables in which a case can differ: those of the matrix, then all others."""
+    """Yield the variables in which a case can differ: those of the matrix, then all others."""
     yield from axes(analysis, context)
     yield from variables(analysis, context)
 
 
 def _axes(analysis: Analysis) -> dict[str, TreeNode]:
-    """The axes of the matrix as they are written, in this file or one that it extends."""
+    """Return the axes of the matrix as they are written, in this file or one that it extends."""
     found: dict[str, TreeNode] = {}
     for tree in analysis.written.values():
         node = lookup(tree, ("matrix", "axes"))
@@ -275,7 +275,7 @@ def _texts(axis: TreeNode | None) -> list[str]:
 def proposed_values(
     analysis: Analysis | None, context: CursorContext
 ) -> Iterator[CompletionProposal]:
-    """The values that can be written at the path of a context."""
+    """Yield the values that can be written at the path of a context."""
     if context.path[:2] == ("tune", "values") and len(context.path) > len(("tune", "values")):
         # A value of a lever is one of the key that the lever names.
         context = replace(context, path=parse_path(str(context.path[2])))
@@ -296,7 +296,7 @@ def proposed_values(
 def names_as_keys(
     analysis: Analysis | None, context: CursorContext
 ) -> Iterator[CompletionProposal]:
-    """The names that can be the keys of the map at the path of a context."""
+    """Yield the names that can be the keys of the map at the path of a context."""
     for proposal in _from_sources(_KEYS, analysis, context):
         key = f"{proposal.insert or proposal.label}: "
         yield proposal if context.has_colon else replace(proposal, insert=key)
@@ -315,7 +315,7 @@ def _from_sources(
 
 
 def _matches(path: Path, pattern: Sequence[str]) -> bool:
-    """Whether a path fits a pattern: ``*`` is any part, ``**`` at first any beginning."""
+    """Return whether a path fits a pattern: ``*`` is any part, ``**`` at first any beginning."""
     if pattern[0] == "**":
         pattern = pattern[1:]
         path = path[-len(pattern) :]

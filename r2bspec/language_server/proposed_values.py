@@ -66,7 +66,7 @@ def python_classes(analysis: Analysis, _: CursorContext) -> Iterator[CompletionP
 
 
 def packages(_analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The packages that are installed, and those of the catalogue."""
+    """Yield the packages that are installed, and those of the catalogue."""
     installed = installed_packages.ament_packages()
     for name in sorted(installed):
         yield CompletionProposal(name, "installed", kind=types.CompletionItemKind.Module, order=10)
@@ -75,14 +75,14 @@ def packages(_analysis: Analysis, _: CursorContext) -> Iterator[CompletionPropos
 
 
 def plugins(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """The composable nodes of the package that the node names."""
+    """Yield the composable nodes of the package that the node names."""
     package = _package_beside(analysis, context)
     installed = installed_packages.package_plugins(package)
     yield from _installed_first(installed, catalogue_nodes(package), types.CompletionItemKind.Class)
 
 
 def executables(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """The executables of the package that the node names."""
+    """Yield the executables of the package that the node names."""
     package = _package_beside(analysis, context)
     installed = installed_packages.package_executables(package)
     known = [node.executable for node in catalogue_nodes(package).values()]
@@ -98,7 +98,7 @@ def _installed_first(
 
 
 def launch_files(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """The launch files of the package that the node names."""
+    """Yield the launch files of the package that the node names."""
     share = installed_packages.package_share(_package_beside(analysis, context))
     folder = share / "launch" if share is not None else None
     for path in sorted(folder.iterdir() if folder is not None and folder.is_dir() else ()):
@@ -131,7 +131,7 @@ _BOUNDS: Final = {
 
 
 def quantities(rule: ValueRule, before: str) -> Iterator[CompletionProposal]:
-    """The units after a number, at a value that is a quantity.
+    """Yield the units after a number, at a value that is a quantity.
 
     Args:
         rule: of the value.
@@ -161,7 +161,7 @@ def requirements(analysis: Analysis, context: CursorContext) -> Iterator[Complet
 
 
 def metrics(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The metrics that this spec has."""
+    """Yield the metrics that this spec has."""
     spec_context = analysis.known
     subjects = spec_context.subjects if spec_context is not None else NO_SUBJECTS
     monitors = names_of(analysis, "monitor")
@@ -198,7 +198,7 @@ def _dimension(metric: str) -> str:
 def _bounds(
     dimension: str, words: Sequence[str], *, ends_in_space: bool
 ) -> Iterator[CompletionProposal]:
-    """What can follow an operator, after the words that are written of it."""
+    """Yield what can follow an operator, after the words that are written of it."""
     kind = _QUANTITIES.get(dimension)
     if not words:
         yield from (

@@ -48,7 +48,7 @@ class SpecLanguageServer(LanguageServer):
         self._published: dict[str, frozenset[str]] = {}
 
     def text_of(self, path: Path) -> str:
-        """The text of a file: as it is open, or what is on disk; empty if there is none."""
+        """Return the text of a file: as it is open, or what is on disk; empty if there is none."""
         text = self.specs.text(path)
         if text is None:
             with contextlib.suppress(OSError, RefusedFileError):
@@ -56,7 +56,7 @@ class SpecLanguageServer(LanguageServer):
         return text or ""
 
     def positions_of(self, file: str) -> TextPositions:
-        """The positions in a file: of its open text, or of what is on disk."""
+        """Return the positions in a file: of its open text, or of what is on disk."""
         text = self.text_of(Path(file))
         # A long text has many findings, each with its positions.
         if self._positions.text is not text:
@@ -65,7 +65,7 @@ class SpecLanguageServer(LanguageServer):
         return self._positions
 
     def location(self, span: Span) -> types.Location:
-        """The location of a span."""
+        """Return the location of a span."""
         return types.Location(uri(span.file), self.positions_of(span.file).range(span))
 
     @property
@@ -164,7 +164,7 @@ class SpecLanguageServer(LanguageServer):
         self._published[str(analysis.path)] = frozenset(found)
 
     def _of_other(self, root: str, file: str) -> list[types.Diagnostic]:
-        """What another open spec that extends the same file says of it."""
+        """Return what another open spec that extends the same file says of it."""
         other = self.specs.latest(Path(root))
         return diagnostics_by_file(other, self.positions_of).get(file, []) if other else []
 
@@ -196,7 +196,7 @@ def create_server() -> SpecLanguageServer:
 
 
 def path_of(document_uri: str) -> Path:
-    """The path of a document; of one that is none of this machine, its URI."""
+    """Return the path of a document; of one that is none of this machine, its URI."""
     parts = urlsplit(document_uri)
     is_local = parts.scheme == "file" and parts.netloc in {"", "localhost"}
     return Path(unquote(parts.path, errors="surrogateescape") if is_local else document_uri)

@@ -59,13 +59,13 @@ class Occurrence:
 
 
 def occurrences(analysis: Analysis) -> tuple[Occurrence, ...]:
-    """Every place of every symbol, in the document and the files that it extends."""
+    """Return every place of every symbol, in the document and the files that it extends."""
     names = [*_written_names(analysis), *_topics(analysis)]
     return tuple(dict.fromkeys(names))
 
 
 def occurrence_at(analysis: Analysis, place: tuple[int, int]) -> Occurrence | None:
-    """The symbol at a line and a column of the document, counted as by `Span`."""
+    """Return the symbol at a line and a column of the document, counted as by `Span`."""
     line, column = place
     here = [
         occurrence
@@ -78,13 +78,13 @@ def occurrence_at(analysis: Analysis, place: tuple[int, int]) -> Occurrence | No
 
 
 def places_of(analysis: Analysis, symbol: Symbol) -> list[Occurrence]:
-    """Every place of one symbol, definitions first."""
+    """Return every place of one symbol, definitions first."""
     places = [occurrence for occurrence in occurrences(analysis) if occurrence.symbol == symbol]
     return sorted(places, key=lambda each: not each.is_definition)
 
 
 def names_of(analysis: Analysis, kind: SymbolKind) -> list[str]:
-    """The names of all symbols of a kind that are defined."""
+    """Return the names of all symbols of a kind that are defined."""
     defined = (
         occurrence.symbol for occurrence in occurrences(analysis) if occurrence.is_definition
     )
@@ -153,7 +153,7 @@ def _references(text: str, span: Span, source: Source) -> Iterator[Occurrence]:
 def _in_requirement(
     node: ScalarNode, source: Source, defined: Collection[Symbol]
 ) -> Iterator[Occurrence]:
-    """The monitor before a metric, or the process after a family of metrics."""
+    """Yield the monitor before a metric, or the process after a family of metrics."""
     match = _METRIC.match(node.text)
     if match is None or not match[2]:
         return
@@ -169,7 +169,7 @@ def _in_requirement(
 
 
 def _topics(analysis: Analysis) -> Iterator[Occurrence]:
-    """The places of topics, but for those of which the code of a node decides the name."""
+    """Yield the places of topics, but for those of which the code of a node decides the name."""
     context = analysis.context
     if context is None or context.loaded.tree is None:
         return
@@ -211,13 +211,13 @@ class RenameError(R2bspecError):
 
 
 def references_at(analysis: Analysis, place: tuple[int, int]) -> list[Occurrence]:
-    """Every place of the name at a line and a column."""
+    """Return every place of the name at a line and a column."""
     occurrence = occurrence_at(analysis, place)
     return places_of(analysis, occurrence.symbol) if occurrence is not None else []
 
 
 def definitions(analysis: Analysis, place: tuple[int, int]) -> list[Span]:
-    """Where what is at a place is defined: a name, an extended file, or a Python class."""
+    """Return where what is at a place is defined: a name, an extended file, or a Python class."""
     if named := references_at(analysis, place):
         return [occurrence.span for occurrence in named if occurrence.is_definition]
     tree = analysis.tree
@@ -232,7 +232,7 @@ def definitions(analysis: Analysis, place: tuple[int, int]) -> list[Span]:
 
 
 def rename(analysis: Analysis, place: tuple[int, int], new_name: str) -> dict[Span, str]:
-    """The new text of every place of the name at a place.
+    """Return the new text of every place of the name at a place.
 
     Raises:
         RenameError: there is no name, the new one is not possible or taken, or a place cannot be
@@ -258,7 +258,7 @@ def rename(analysis: Analysis, place: tuple[int, int], new_name: str) -> dict[Sp
 
 
 def renamable(analysis: Analysis, place: tuple[int, int]) -> Occurrence:
-    """The name at a place.
+    """Return the name at a place.
 
     Raises:
         RenameError: there is none, or one of its places cannot be edited.
@@ -298,7 +298,10 @@ def _as_written(place: Occurrence, full: str) -> str:
 
 
 def _class_definition(folder: FilePath, text: str) -> Iterator[Span]:
-    """The class of a Python node in a file next to the spec; the file is read, not imported."""
+    """Yield the class of a Python node in a file next to the spec.
+
+    The file is read, not imported.
+    """
     target = python_target(text, folder)
     if target.module or not target.readable:
         return

@@ -87,13 +87,13 @@ _SHARED_MEMORY = """\
 
 
 def default_segment_bytes(largest_message_bytes: int) -> int:
-    """The size of a shared-memory segment for messages up to this size, in bytes."""
+    """Return the size of a shared-memory segment for messages up to this size, in bytes."""
     required_bytes = _SEGMENT_MESSAGES * (largest_message_bytes + 4096)
     return min(max(_SEGMENT_MINIMUM, required_bytes), _SEGMENT_MAXIMUM)
 
 
 def transport_profile(transport: str, largest_message_bytes: int, segment: int = 0) -> str:
-    """The Fast DDS profile of a transport, as XML.
+    """Return the Fast DDS profile of a transport, as XML.
 
     Discovery needs UDP, and knows this host only: it asks ports of the loopback device instead of
     a multicast group. Messages then take shared memory where both sides have it. With the default
@@ -121,7 +121,7 @@ _FILES = ("fastrtps_*", "fastdds_*", "sem.fastrtps_*", "sem.fastdds_*")
 
 
 def shm_files(memory: Path = middleware.SHARED_MEMORY) -> list[str]:
-    """The names of the middleware's files in shared memory, whoever owns them."""
+    """Return the names of the middleware's files in shared memory, whoever owns them."""
     return sorted(path.name for pattern in _FILES for path in memory.glob(pattern))
 
 
@@ -145,7 +145,7 @@ def _is_free(lock: Path) -> bool:
 
 
 def _mapped(memory: Path, processes: Iterable[Path]) -> set[str]:
-    """The names of segments that some processes map, by their folders."""
+    """Return the names of segments that some processes map, by their folders."""
     # A line that goes on with "(deleted)" is about an earlier segment of that name.
     pattern = re.compile(rf"{re.escape(str(memory))}/((?:sem\.)?fast\S+)$", re.MULTILINE)
     mapped: set[str] = set()
@@ -201,13 +201,13 @@ class FastDds(middleware.Middleware):
         }
 
     def segment_bytes(self, transport: middleware.MessageTransport) -> int:
-        """Each process takes a segment of the full size, unless it uses UDP alone."""
+        """Return each process takes a segment of the full size, unless it uses UDP alone."""
         if transport.kind != "shared_memory":
             return 0
         return transport.segment_bytes or default_segment_bytes(transport.largest_message_bytes)
 
     def required_shm_bytes(self, processes: int, segment_bytes: int) -> int:
-        """The segments, and what each process takes in addition."""
+        """Return the segments, and what each process takes in addition."""
         return processes * (segment_bytes + _PORTS_BYTES)
 
     def may_be_endpoint_of(self, gid: bytes, pids: Collection[int]) -> bool:
@@ -219,7 +219,7 @@ class FastDds(middleware.Middleware):
         return gid[:2] == _VENDOR_ID and any(pid & 0xFFFF == number for pid in pids)
 
     def readable_shm_files(self, memory: Path = middleware.SHARED_MEMORY) -> list[str]:
-        """The names of this user's files that other users may read."""
+        """Return the names of this user's files that other users may read."""
         names = []
         for name in shm_files(memory):
             with contextlib.suppress(OSError):
@@ -258,7 +258,7 @@ class FastDds(middleware.Middleware):
         proc: Path = middleware.PROC,
         since_s: float = 0.0,
     ) -> list[str]:
-        """The names of this user's segments that nobody uses; nothing is changed.
+        """Return the names of this user's segments that nobody uses; nothing is changed.
 
         Args:
             memory: the folder of shared memory.

@@ -148,7 +148,10 @@ class Middleware:
         return HOST_ONLY
 
     def segment_bytes(self, transport: MessageTransport) -> int:
-        """The shared memory that each process takes when it starts; 0 if the RMW decides that."""
+        """Return the shared memory that each process takes when it starts.
+
+        0 if the RMW decides that.
+        """
         del transport
         return 0
 
@@ -157,7 +160,7 @@ class Middleware:
         return processes * segment_bytes
 
     def may_be_endpoint_of(self, gid: bytes, pids: Collection[int]) -> bool:
-        """Whether an endpoint with this identifier can belong to one of some processes here.
+        """Return whether an endpoint with this identifier can belong to one of some processes here.
 
         Identifiers of which nothing is known can belong to any.
         """
@@ -165,7 +168,7 @@ class Middleware:
         return True
 
     def readable_shm_files(self) -> list[str]:
-        """The names of this user's files in shared memory that other users may read."""
+        """Return the names of this user's files in shared memory that other users may read."""
         return []
 
     def make_shm_files_private(self, pids: Iterable[int]) -> None:
@@ -175,7 +178,9 @@ class Middleware:
     def dead_shm_files(
         self, memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
     ) -> list[str]:
-        """The names of what dead processes of this user left in shared memory; changes nothing.
+        """Return the names of what dead processes of this user left in shared memory.
+
+        Changes nothing.
 
         Args:
             memory: the folder of shared memory.
@@ -223,7 +228,7 @@ class TransportRefusal(NamedTuple):
 
 @cache
 def known_middlewares() -> tuple[Middleware, ...]:
-    """Every RMW that has a module here, in the order of their names."""
+    """Return every RMW that has a module here, in the order of their names."""
     package = r2bspec.middleware
     modules = [
         import_module(module.name)
@@ -238,7 +243,7 @@ def known_middlewares() -> tuple[Middleware, ...]:
 
 @cache
 def middleware_named(rmw: str) -> Middleware:
-    """The RMW of an implementation, such as ``rmw_cyclonedds_cpp``."""
+    """Return the RMW of an implementation, such as ``rmw_cyclonedds_cpp``."""
     for middleware in known_middlewares():
         if rmw in middleware.implementations:
             return middleware
@@ -246,12 +251,12 @@ def middleware_named(rmw: str) -> Middleware:
 
 
 def selected_rmw(environ: Mapping[str, str]) -> str:
-    """The implementation that processes with this environment load."""
+    """Return the implementation that processes with this environment load."""
     return environ.get(RMW_VARIABLE) or _DEFAULT
 
 
 def middleware_of(environ: Mapping[str, str]) -> Middleware:
-    """The RMW that processes with this environment load."""
+    """Return the RMW that processes with this environment load."""
     return middleware_named(selected_rmw(environ))
 
 
@@ -264,7 +269,7 @@ def inherited_variables() -> tuple[str, ...]:
 
 
 def refuse_transport(kind: TransportKind, rmw: str) -> TransportRefusal | None:
-    """Why an implementation cannot be configured for a transport; None if it can."""
+    """Return why an implementation cannot be configured for a transport; None if it can."""
     middleware = middleware_named(rmw)
     if kind in middleware.transports:
         return None

@@ -66,7 +66,7 @@ class RosFiles:
     wheels: bool
 
     def include_folders(self, packages: Sequence[str] = RCL_PACKAGES) -> list[Path]:
-        """The folders of headers of some packages, as far as they are installed."""
+        """Return the folders of headers of some packages, as far as they are installed."""
         return [
             folder
             for prefix in self.prefixes
@@ -75,7 +75,7 @@ class RosFiles:
         ]
 
     def library_folders(self) -> list[Path]:
-        """Where the linker finds the libraries."""
+        """Return where the linker finds the libraries."""
         return [folder for prefix in self.prefixes if (folder := prefix / "lib").is_dir()]
 
 
@@ -131,7 +131,7 @@ _SHOWN_LINES = 60
 
 
 def find_compiler(environ: Mapping[str, str] = os.environ) -> list[str]:
-    """The command of the C compiler: ``$CC``, or ``cc``.
+    """Return the command of the C compiler: ``$CC``, or ``cc``.
 
     Raises:
         BuildError: there is none (R2B668).
@@ -258,7 +258,7 @@ def _compile(target: Path, command: Sequence[str]) -> None:
 def _digest(
     compiler: Sequence[str], sources: Sequence[Path], includes: Sequence[Path], words: Sequence[str]
 ) -> str:
-    """The digest of everything that a result is made from."""
+    """Return the digest of everything that a result is made from."""
     state = hashlib.sha256()
     files = {*sources, *(header for source in sources for header in source.parent.glob("*.h"))}
     for path in sorted(files):
@@ -299,7 +299,7 @@ _HARNESS_FLAGS = ("-fwrapv",)
 
 
 def harness_program(environ: Mapping[str, str] = os.environ, flags: Sequence[str] = ()) -> Path:
-    """The program of a player or a monitor, in a process of its own.
+    """Return the program of a player or a monitor, in a process of its own.
 
     Raises:
         BuildError: it cannot be built (R2B668).
@@ -310,7 +310,7 @@ def harness_program(environ: Mapping[str, str] = os.environ, flags: Sequence[str
 
 
 def harness_library(flags: Sequence[str] = ()) -> Path:
-    """The library with players and monitors for other processes (`r2bspec_harness_serve`).
+    """Return the library with players and monitors for other processes (`r2bspec_harness_serve`).
 
     Raises:
         BuildError: it cannot be built (R2B668).
@@ -343,7 +343,7 @@ _SEPARATORS = " :"
 
 
 def join_object(flags: Sequence[str] = ()) -> Path:
-    """The object to preload into a process that gets the harness; see ``join.c``.
+    """Return the object to preload into a process that gets the harness; see ``join.c``.
 
     Raises:
         BuildError: it cannot be built (R2B668).
@@ -352,7 +352,7 @@ def join_object(flags: Sequence[str] = ()) -> Path:
 
 
 def join_environment(join: Path, socket: Path, process: str, preloaded: str) -> dict[str, str]:
-    """The variables with which a process asks the controller whether it gets the harness.
+    """Return the variables with which a process asks the controller whether it gets the harness.
 
     Args:
         join: from `join_object`.
@@ -368,7 +368,7 @@ def join_environment(join: Path, socket: Path, process: str, preloaded: str) -> 
 
 
 def anatomy_object(flags: Sequence[str] = ()) -> Path:
-    """The object to preload into a process whose events are recorded; see ``anatomy.c``.
+    """Return the object to preload into a process whose events are recorded; see ``anatomy.c``.
 
     Raises:
         BuildError: it cannot be built (R2B668).
@@ -383,7 +383,7 @@ def anatomy_object(flags: Sequence[str] = ()) -> Path:
 def anatomy_environment(
     anatomy: Path, folder: Path, process: str, max_bytes: int, preloaded: str
 ) -> dict[str, str]:
-    """The variables with which a process records its events, as does what it starts.
+    """Return the variables with which a process records its events, as does what it starts.
 
     Args:
         anatomy: from `anatomy_object`.
@@ -402,7 +402,7 @@ def anatomy_environment(
 
 
 def _object(name: str, sources: Sequence[str], flags: Sequence[str]) -> Path:
-    """An object that needs nothing but libc, by a path that can be preloaded."""
+    """Return an object that needs nothing but libc, by a path that can be preloaded."""
     files, no_ros = [_FOLDER / source for source in sources], RosFiles(prefixes=(), wheels=False)
     libraries = ("-ldl", "-pthread")
     path = build(name, files, no_ros, kind="library", flags=flags, libraries=libraries)
@@ -419,7 +419,7 @@ def _preload(path: Path, preloaded: str) -> str:
 
 
 def lock_environment(join: Path, preloaded: str) -> dict[str, str]:
-    """The variables with which a process locks its memory when it initialises ROS.
+    """Return the variables with which a process locks its memory when it initialises ROS.
 
     Args:
         join: from `join_object`.

@@ -63,7 +63,7 @@ def matrix(info: CameraInfo) -> Matrix:
 
 
 def _as_sent(info: CameraInfo, field: str, shape: tuple[int, int]) -> Matrix:
-    """A matrix of the camera, after its region of interest and binning."""
+    """Return a matrix of the camera, after its region of interest and binning."""
     full = np.array(getattr(info, field), dtype=np.float64).reshape(shape)
     if full[0, 0] <= 0.0 or full[1, 1] <= 0.0:
         raise ValueError(
@@ -77,12 +77,12 @@ def _as_sent(info: CameraInfo, field: str, shape: tuple[int, int]) -> Matrix:
 
 
 def rotation(info: CameraInfo) -> Matrix:
-    """The rotation from the camera's optical frame to the rectified one, shape (3, 3)."""
+    """Return the rotation from the camera's optical frame to the rectified one, shape (3, 3)."""
     return np.array(info.r, dtype=np.float64).reshape(3, 3)
 
 
 def projection(info: CameraInfo) -> Matrix:
-    """The camera of the rectified image, after its region of interest and binning.
+    """Return the camera of the rectified image, after its region of interest and binning.
 
     Returns:
         Shape (3, 4), in pixels; the last column is that of the right camera of a stereo pair,

@@ -91,7 +91,7 @@ def pixel_format(encoding: str) -> PixelFormat:
 
 
 def layout(encoding: str, width: int, height: int) -> dict[str, Any]:
-    """The fields of an Image without padding, in this machine's byte order."""
+    """Return the fields of an Image without padding, in this machine's byte order."""
     return {
         "height": height,
         "width": width,
@@ -102,7 +102,7 @@ def layout(encoding: str, width: int, height: int) -> dict[str, Any]:
 
 
 def view(image: Image) -> Pixels:
-    """The pixels of an image message, in this machine's byte order.
+    """Return the pixels of an image message, in this machine's byte order.
 
     The result shares the memory of the message, even if rows are padded. Two kinds of pixels are
     copied: those of the other byte order, which OpenCV would read as native ones, and those whose

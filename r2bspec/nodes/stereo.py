@@ -86,7 +86,7 @@ def make_matcher(parameters: MatcherParameters) -> Any:
 def disparity(
     matcher: Any, left: NDArray[np.uint8], right: NDArray[np.uint8], offset_px: float = 0.0
 ) -> NDArray[np.float32]:
-    """The disparity of each pixel of the left image.
+    """Return the disparity of each pixel of the left image.
 
     Args:
         matcher: of `make_matcher`.
@@ -114,7 +114,7 @@ def disparity(
 
 
 def valid_window(parameters: MatcherParameters, width: int, height: int) -> ValidWindow:
-    """Where a whole window and the whole range of disparities lie inside both images."""
+    """Return where a whole window and the whole range of disparities lie inside both images."""
     half = parameters.window_px // 2
     left = max(0, parameters.min_disparity_px + parameters.range_px - 1) + half
     right = width + min(0, parameters.min_disparity_px) - half
@@ -149,7 +149,7 @@ def points(
     baseline_m: float,
     min_disparity_px: float = 0.0,
 ) -> NDArray[np.void]:
-    """The point of each pixel in the left camera's rectified frame, metres.
+    """Return the point of each pixel in the left camera's rectified frame, metres.
 
     Args:
         disparity: pixels, shape (height, width).
@@ -176,7 +176,7 @@ def points(
 
 
 def colors(pixels: Pixels, encoding: str) -> NDArray[np.uint32]:
-    """The colour of each pixel as 0x00RRGGBB.
+    """Return the colour of each pixel as 0x00RRGGBB.
 
     Raises:
         ValueError: the encoding is not an 8-bit colour or gray one.

@@ -53,13 +53,13 @@ class _PlanHeader(msgspec.Struct):
 
 
 def canonical_json(plan: Plan) -> bytes:
-    """The canonical form of a plan."""
+    """Return the canonical form of a plan."""
     text = msgspec.json.encode(plan, enc_hook=encode_text, order="sorted")
     return escaped_json(msgspec.json.format(text, indent=2) + b"\n")
 
 
 def plan_hash(plan: Plan) -> str:
-    """The hash that identifies a plan: ``sha256:`` and the digest of its canonical form."""
+    """Return the hash that identifies a plan: ``sha256:`` and the digest of its canonical form."""
     return f"sha256:{hashlib.sha256(canonical_json(plan)).hexdigest()}"
 
 
@@ -145,7 +145,7 @@ SCHEMA_FILE_NAME = "r2bspec-plan-v1.schema.json"
 
 
 def plan_schema() -> dict[str, Any]:
-    """The schema as published in ``schemas/``: JSON Schema draft 2020-12."""
+    """Return the schema as published in ``schemas/``: JSON Schema draft 2020-12."""
     (reference,), components = msgspec.json.schema_components(
         [_with_quantities_required()], schema_hook=_string_type, ref_template="#/$defs/{name}"
     )
@@ -179,7 +179,7 @@ def _default(field: msgspec.structs.FieldInfo) -> Any:
 
 
 def plan_schema_text() -> str:
-    """The schema as a file, with a newline at its end."""
+    """Return the schema as a file, with a newline at its end."""
     return json.dumps(plan_schema(), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
 
 

@@ -42,7 +42,7 @@ THREADED_CONTAINER = "--use_multi_threaded_executor"
 
 
 def container_argv(name: str, container: Container, namespace: str) -> tuple[str, ...]:
-    """The command line of a component container.
+    """Return the command line of a component container.
 
     Only ``component_container_mt`` accepts a number of threads; ``component_container_isolated``
     gives each component its own executor, optionally with several threads.
@@ -59,18 +59,21 @@ def container_argv(name: str, container: Container, namespace: str) -> tuple[str
 
 
 def container_node_name(argv: Iterable[str]) -> str:
-    """The full name of the node of a container with this command line."""
+    """Return the full name of the node of a container with this command line."""
     rules = dict(word.split(":=", 1) for word in argv if word.startswith(("__node:=", "__ns:=")))
     return f"{rules['__ns'].rstrip('/')}/{rules['__node']}"
 
 
 def has_planned_name(process: ProcessPlan, node: NodePlan) -> bool:
-    """Whether a node that runs has the name of the plan; a program may have nodes of any name."""
+    """Return whether a node that runs has the name of the plan.
+
+    A program may have nodes of any name.
+    """
     return process.role != "command" or f"__node:={node.node}" in process.argv
 
 
 def node_argv(wired: NodeWiring) -> tuple[str, ...]:
-    """The command line of a node with its own process."""
+    """Return the command line of a node with its own process."""
     return _ARGV[wired.node.kind.name](wired)
 
 
@@ -126,7 +129,7 @@ _ARGV: Mapping[NodeKindName, Callable[[NodeWiring], tuple[str, ...]]] = {
 
 
 def _argument(value: object) -> str:
-    """The text of a launch argument; booleans are in lower case, as launch files expect."""
+    """Return the text of a launch argument; booleans are in lower case, as launch files expect."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
@@ -142,7 +145,7 @@ def _ros_arguments(
 
 
 def flow_yaml(value: ParameterValue) -> str:
-    """A value as rcl reads it: YAML in flow style, with quoted strings.
+    """Return a value as rcl reads it: YAML in flow style, with quoted strings.
 
     Without quotes, rcl would read ``"10"`` as a number.
     """

@@ -60,7 +60,7 @@ class PlanDifference(NamedTuple):
 
 
 def diff_plans(before: Plan, after: Plan) -> list[PlanDifference]:
-    """All differences of two plans, in the order of the fields; empty if they are equal."""
+    """Return all differences of two plans, in the order of the fields; empty if they are equal."""
     return list(_diff((), _builtins(before), _builtins(after)))
 
 
@@ -92,7 +92,7 @@ def _diff_lists(path: Path, before: Any, after: Any) -> Iterator[PlanDifference]
 
 
 def _by_identity(path: Path, members: Any) -> dict[str | int, Any] | None:
-    """The members by identity; None if they have none, or if one occurs twice."""
+    """Return the members by identity; None if they have none, or if one occurs twice."""
     keys = _IDENTITY_KEYS.get("bag topics" if path[:1] == ("dataset",) else str(path[-1]))
     if keys is None or not all(isinstance(member, dict) for member in members):
         return None
@@ -137,7 +137,7 @@ _OTHER_FIELDS: Final[Mapping[str, Change]] = {
 
 @cache
 def change_of(field: str) -> Change:
-    """What a difference in a field of a plan means: another load, another graph, or neither.
+    """Return what a difference in a field of a plan means: another load, another graph, or neither.
 
     It follows from the declaration of the key that the field shows
     (`r2bspec.language.declaration`).
@@ -164,7 +164,7 @@ def measured_hash(plan: Plan) -> str:
 
 
 def _without_texts(plan: Plan) -> Plan:
-    """The plan without what only reports show."""
+    """Return the plan without what only reports show."""
     monitors = tuple(msgspec.structs.replace(monitor, label="") for monitor in plan.monitors)
     return msgspec.structs.replace(plan, title="", description="", labels={}, monitors=monitors)
 
@@ -180,7 +180,7 @@ def load_differences(base: Plan, head: Plan) -> list[PlanDifference]:
 
 
 def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
-    """The differences of two plans that may affect the measurement, each once.
+    """Return the differences of two plans that may affect the measurement, each once.
 
     Parameters of a node stand in the command line of its process, too.
     """
@@ -209,7 +209,7 @@ def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
 
 
 def _without_parameters(argv: Sequence[str], names: Collection[str]) -> tuple[str, ...]:
-    """A command line without its ``-p NAME:=VALUE`` of these parameters."""
+    """Return a command line without its ``-p NAME:=VALUE`` of these parameters."""
     left: list[str] = []
     words = iter(argv)
     for word in words:
@@ -247,7 +247,7 @@ def single_run_plan(plan: Plan) -> Plan:
 
 
 def without_overhead(plan: Plan) -> Plan:
-    """The plan without the measurement of the harness overhead."""
+    """Return the plan without the measurement of the harness overhead."""
     phases = tuple(phase for phase in plan.phases if phase != "harness_overhead")
     return msgspec.structs.replace(plan, phases=phases)
 
@@ -257,19 +257,19 @@ def _single_iteration(play: PlayPlan) -> PlayPlan:
 
 
 def pair_count(plan: Plan) -> int:
-    """The number of pairs of a plan: its number of iterations, at least one."""
+    """Return the number of pairs of a plan: its number of iterations, at least one."""
     return max((play.iterations for play in plan.plays), default=1)
 
 
 def difference_lines(differences: list[PlanDifference], max_lines: int = 12) -> Iterator[str]:
-    """The differences, one per line, limited to `max_lines` and a count of the others."""
+    """Yield the differences, one per line, limited to `max_lines` and a count of the others."""
     yield from (str(difference) for difference in differences[:max_lines])
     if len(differences) > max_lines:
         yield f"{len(differences) - max_lines} more differences"
 
 
 def brief_difference(difference: PlanDifference) -> str:
-    """A difference in at most a line: what was added or removed is named, not printed."""
+    """Return a difference in at most a line: what was added or removed is named, not printed."""
     path = format_path(difference.path)
     # Of a long path the end is shown, which says most.
     path = clip(path if len(path) <= _MAX_PATH else "…" + path[1 - _MAX_PATH :], _MAX_PATH)
@@ -287,7 +287,7 @@ def brief_difference(difference: PlanDifference) -> str:
 
 
 def _brief_value(value: Any) -> str:
-    """The value after a colon, unless it is a map or a list."""
+    """Return the value after a colon, unless it is a map or a list."""
     if isinstance(value, dict | list | tuple):
         return ""
     return f": {clip(_json_text(value), _MAX_VALUE)}"

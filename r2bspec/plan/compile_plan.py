@@ -111,7 +111,7 @@ def compile_plan(
 
 
 def active_objectives(spec: Spec) -> dict[str, Objective]:
-    """The active objectives: their level is not `off`, and their `when` is true."""
+    """Return the active objectives: their level is not `off`, and their `when` is true."""
     return {
         name: objective
         for name, objective in spec.slos.items()
@@ -152,7 +152,7 @@ def _dataset(
 
 
 def _largest_message_bytes(spec: Spec, bag: BagIndex | None) -> int:
-    """The largest message among the bag topics that are used, or 0 if one is unknown."""
+    """Return the largest message among the bag topics that are used, or 0 if one is unknown."""
     sizes = []
     for name in spec.data_loader.topics:
         info = None if bag is None else bag.find(name)
@@ -188,7 +188,7 @@ def _timeline(spec: Spec) -> plans.TimelinePlan | None:
 
 
 def gate_plan(spec: Spec) -> plans.GatePlan:
-    """How the verdicts of a spec are decided, and their consequences."""
+    """Return how the verdicts of a spec are decided, and their consequences."""
     gate = spec.benchmark.gate
     return plans.GatePlan(
         confidence=gate.confidence.fraction,
@@ -219,7 +219,7 @@ def _play_at(spec: Spec, rate_hz: float) -> plans.PlayPlan:
 
 
 def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iterator[str]:
-    """The phases of the run, in order."""
+    """Return the phases of the run, in order."""
     states = {node.lifecycle for node in spec.graph.nodes.values()}
     has_phase = {
         "setup": spec.setup,
@@ -242,7 +242,7 @@ def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iter
 
 
 def plan_setup(spec: Spec) -> tuple[plans.SetupPlan, ...]:
-    """The setup steps, in the order of the spec."""
+    """Return the setup steps, in the order of the spec."""
     return tuple(
         plans.SetupPlan(
             name=name,
@@ -257,7 +257,7 @@ def plan_setup(spec: Spec) -> tuple[plans.SetupPlan, ...]:
 
 
 def plan_calls(spec: Spec, wiring: Wiring) -> tuple[plans.CallPlan, ...]:
-    """The services and actions that are called, in the order of the spec."""
+    """Return the services and actions that are called, in the order of the spec."""
     return tuple(_call(name, call, wiring) for name, call in spec.playback.calls.items())
 
 
@@ -278,7 +278,7 @@ def _call(name: str, call: Call, wiring: Wiring) -> plans.CallPlan:
 
 
 def plan_ready(spec: Spec, wiring: Wiring) -> tuple[plans.ProbePlan, ...]:
-    """The readiness probes, in the order of the spec."""
+    """Return the readiness probes, in the order of the spec."""
     return tuple(_probe(name, probe, wiring) for name, probe in spec.ready.items())
 
 
@@ -295,7 +295,7 @@ def _probe(name: str, probe: ReadyProbe, wiring: Wiring) -> plans.ProbePlan:
 
 
 def plan_after_ready(spec: Spec, wiring: Wiring) -> tuple[plans.AfterReadyPlan, ...]:
-    """The `after_ready` steps, in the order of the spec."""
+    """Return the `after_ready` steps, in the order of the spec."""
     return tuple(
         plans.AfterReadyPlan(
             name=name,

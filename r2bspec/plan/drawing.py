@@ -68,7 +68,7 @@ class _FigureBuilder:
 
 
 def figure(plan: Plan) -> Figure:
-    """The figure of a plan: both phases, and the messages between them."""
+    """Return the figure of a plan: both phases, and the messages between them."""
     sketch = _FigureBuilder(plan)
     sources = tuple(dataset.source for dataset in plan.datasets) or (plan.dataset.source,)
     played = any(sources)
@@ -120,7 +120,7 @@ def _harness_boxes(sketch: _FigureBuilder, phase: str, seen: set[str]) -> list[F
 
 
 def _program(called: str) -> str:
-    """The program of a process in short: package and executable, or the name of the file."""
+    """Return the program of a process in short: package and executable, or the name of the file."""
     if called.startswith("$(executable "):
         return called.removeprefix("$(executable ").removesuffix(")")
     return called.rpartition("/")[2]
@@ -155,7 +155,7 @@ _DOT_SHAPES = {
 
 
 def to_dot(plan: Plan) -> str:
-    """The digraph, with a newline at its end."""
+    """Return the digraph, with a newline at its end."""
     drawing = figure(plan)
     lines = [
         f"digraph {_dot_quoted(plan.name)} {{",
@@ -203,7 +203,7 @@ _MERMAID_STYLES = (
 
 
 def to_mermaid(plan: Plan) -> str:
-    """The flowchart, with a newline at its end."""
+    """Return the flowchart, with a newline at its end."""
     drawing = figure(plan)
     lines = ["flowchart LR", *(f"  {_mermaid_box(box)}" for box in drawing.boxes)]
     for group in drawing.groups:

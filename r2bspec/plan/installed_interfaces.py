@@ -42,12 +42,12 @@ def installed_fields(type_name: str) -> FieldTypes | None:
 
 
 def fields_of_message(type_name: str) -> FieldTypes | None:
-    """The same for a message as fields name it: ``geometry_msgs/Pose``."""
+    """Return the same for a message as fields name it: ``geometry_msgs/Pose``."""
     return installed_fields(type_name.replace("/", "/msg/"))
 
 
 def _literal_of(type_name: str, prefix: str, attribute: str) -> dict[str, Any] | None:
-    """A literal map in the class of a type, or of one whose name has a prefix."""
+    """Return a literal map in the class of a type, or of one whose name has a prefix."""
     folder, _, name = type_name.replace("/", ".").rpartition(".")
     # The package does not name the parts of an action, which are in the file of the action.
     exported = name.partition("_")[0]
@@ -84,7 +84,7 @@ def _constant(node: ast.expr) -> Any:
 
 
 def _statements(module: str) -> list[ast.stmt]:
-    """The statements of a module; none if it is not found, or cannot be read."""
+    """Return the statements of a module; none if it is not found, or cannot be read."""
     file = module_file(module) if module else None
     tree = read_python_file(file) if file is not None else None
     return tree.body if tree is not None else []

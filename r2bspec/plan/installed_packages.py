@@ -73,7 +73,7 @@ def package_plugins(package: str) -> set[str]:
 
 
 def installed_message_types() -> set[str]:
-    """The message types of the installed ROS packages."""
+    """Return the message types of the installed ROS packages."""
     types: set[str] = set()
     for folder in (prefix / AMENT_INDEX / "rosidl_interfaces" for prefix in ament_prefixes()):
         for package in safe_file.names_if_any(folder):
@@ -84,7 +84,7 @@ def installed_message_types() -> set[str]:
 
 
 def _text(file: Path) -> str:
-    """The text of a file of a package; empty without one."""
+    """Return the text of a file of a package; empty without one."""
     try:
         return safe_file.read_bytes(file, max_bytes=MAX_MANIFEST_BYTES).decode("utf-8")
     except (OSError, ValueError):

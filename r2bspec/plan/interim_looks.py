@@ -114,7 +114,7 @@ class InterimLooks:
 
     @classmethod
     def planned(cls, iterations: int, starts: int = 1, most: int = 0) -> InterimLooks:
-        """The looks of a run.
+        """Return the looks of a run.
 
         Args:
             iterations: the declared number at each rate.
@@ -133,13 +133,16 @@ class InterimLooks:
 
     @classmethod
     def of_plays(cls, plays: Sequence[PlayPlan], starts: int) -> InterimLooks | None:
-        """The looks at what is played; None where that is judged once, or nothing is played."""
+        """Return the looks at what is played.
+
+        None where that is judged once, or nothing is played.
+        """
         looks = cls.with_end(plays, starts) if plays else None
         return looks if looks is not None and len(looks) > 1 else None
 
     @classmethod
     def with_end(cls, plays: Sequence[PlayPlan], starts: int) -> InterimLooks:
-        """The looks at what is played, at least one play; the last one is at the end."""
+        """Return the looks at what is played, at least one play; the last one is at the end."""
         longest = max(plays, key=lambda play: play.iterations)
         return cls.planned(longest.iterations, starts, longest.max_iterations)
 
@@ -152,7 +155,7 @@ class InterimLooks:
     def after_starts_of_both(
         cls, starts: int, declared: int, confirmed_from: int = 0
     ) -> InterimLooks:
-        """The looks at a comparison by turns.
+        """Return the looks at a comparison by turns.
 
         Args:
             starts: the largest number of starts of both sides.
@@ -168,7 +171,7 @@ class InterimLooks:
         return len(self.iterations)
 
     def error_share(self, look: int) -> float:
-        """The part of the error that a look may make; looks are counted from 1."""
+        """Return the part of the error that a look may make; looks are counted from 1."""
         if self.shares:
             return self.shares[look - 1]
         sharing = sum(end >= self.declared for end in self.iterations)
@@ -181,9 +184,9 @@ class InterimLooks:
         return 1 / 2 if look == len(self) else 1 / (2 * (sharing - 1))
 
     def confidence_at(self, look: int, confidence: float = CONFIDENCE) -> float:
-        """The confidence at which a look decides, for decisions of a given confidence."""
+        """Return the confidence at which a look decides, for decisions of a given confidence."""
         return 1 - (1 - confidence) * self.error_share(look)
 
     def completed_looks(self, iterations: int) -> int:
-        """How many looks so many complete iterations allow; 0 before the first."""
+        """Return how many looks so many complete iterations allow; 0 before the first."""
         return sum(end <= iterations for end in self.iterations)

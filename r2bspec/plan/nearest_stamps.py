@@ -75,7 +75,10 @@ def _positions(stamps_ns: Sequence[int]) -> dict[_Stamp, int]:
 def _partner(
     stamp: _Stamp, leads: Sequence[_Stamp], others: Sequence[_Stamp], slop_ns: int
 ) -> _Stamp | None:
-    """The stamp among `others` that belongs to this one of the lead; None if there is none."""
+    """Return the stamp among `others` that belongs to this one of the lead.
+
+    None if there is none.
+    """
     nearest = _nearest(stamp, others)
     if abs(nearest[0] - stamp[0]) > slop_ns or _nearest(nearest, leads) != stamp:
         return None
@@ -83,7 +86,7 @@ def _partner(
 
 
 def _nearest(stamp: _Stamp, among: Sequence[_Stamp]) -> _Stamp:
-    """The nearest of some ascending stamps; the earlier one of two that are equally near."""
+    """Return the nearest of some ascending stamps; the earlier one of two that are equally near."""
     after = bisect.bisect_left(among, stamp)
     near = among[max(0, after - 1) : after + 1]
     # Of the messages with these stamps, those with the nearest number.
@@ -94,7 +97,7 @@ def _nearest(stamp: _Stamp, among: Sequence[_Stamp]) -> _Stamp:
 def clock_ahead(
     recorded_ns: Sequence[Sequence[int]], stamps_ns: Sequence[Sequence[int]], slop_ns: int
 ) -> tuple[int, ...]:
-    """How far the clock of each input is ahead of the clock that is furthest behind, in ns.
+    """Return how far the clock of each input is ahead of the clock that is furthest behind, in ns.
 
     A message and the message of another input that was recorded nearest to it have stamps whose
     difference is that of their clocks, if most pairs agree within half a period.

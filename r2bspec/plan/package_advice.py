@@ -34,7 +34,7 @@ _INTERFACE_PACKAGE = re.compile(r"_(msgs|interfaces|msg|srvs)$")
 
 
 def ros_distribution() -> str:
-    """The distribution whose packages a user installs: that of the environment, or Jazzy."""
+    """Return the distribution whose packages a user installs: that of the environment, or Jazzy."""
     distribution = ros_distro()
     return distribution if re.fullmatch(r"[a-z]+", distribution) else _DEFAULT_DISTRIBUTION
 
@@ -50,7 +50,7 @@ def released_package(ros_package: str) -> str:
 
 
 def ros_package_advice(package: str) -> str:
-    """How to get a ROS package: from where ROS itself is, or from a workspace."""
+    """Return how to get a ROS package: from where ROS itself is, or from a workspace."""
     known = package in catalogue_packages() or is_ros_module(package)
     released, workspace = released_package(package), "source the workspace that contains it"
     if not has_wheels():
@@ -65,5 +65,5 @@ def ros_package_advice(package: str) -> str:
 
 
 def is_ros_module(module: str) -> bool:
-    """Whether a Python module is that of a ROS package, by its name."""
+    """Return whether a Python module is that of a ROS package, by its name."""
     return module in _ROS_MODULES or _INTERFACE_PACKAGE.search(module) is not None

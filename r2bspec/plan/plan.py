@@ -480,18 +480,18 @@ class Plan(Pacing, frozen=True, kw_only=True):
     network: Network | msgspec.UnsetType = msgspec.UNSET
 
     def observes(self, process: ProcessPlan) -> bool:
-        """Whether a process is observed from inside: those of the harness always are."""
+        """Return whether a process is observed from inside: those of the harness always are."""
         if not isinstance(self.anatomy, tuple) or process.join or process.role not in _OF_NODES:
             return bool(self.anatomy)
         owned = {process.name, process.container, *(node.node for node in process.nodes)}
         return not owned.isdisjoint(self.anatomy)
 
     def processes_in(self, phase: str) -> tuple[ProcessPlan, ...]:
-        """The processes that run in a phase."""
+        """Return the processes that run in a phase."""
         return tuple(process for process in self.processes if process.phase == phase)
 
     def states_in(self, phase: str) -> dict[str, LifecycleState]:
-        """The nodes of a phase whose states the run changes, in order, with these states."""
+        """Return the nodes of a phase whose states the run changes, in order, with these states."""
         return {each.name: each.state for each in self.lifecycle or () if each.phase == phase}
 
     @property

@@ -40,7 +40,7 @@ SHARED_CONTAINER_NAME = "components"
 
 
 def plan_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
-    """All processes; those of each phase in the order publishers, nodes, subscriptions.
+    """Return all processes; those of each phase in the order publishers, nodes, subscriptions.
 
     The process of a preprocessor has the name ``preprocess.KEY``, which no node can have.
     """
@@ -58,7 +58,7 @@ def plan_processes(spec: Spec, wiring: Wiring) -> tuple[ProcessPlan, ...]:
 
 
 def plan_external(wiring: Wiring) -> tuple[ExternalPlan, ...]:
-    """The nodes that must already run."""
+    """Return the nodes that must already run."""
     return tuple(
         ExternalPlan(name=node.name, phase=phase.phase)
         for phase in wiring.phases
@@ -68,7 +68,7 @@ def plan_external(wiring: Wiring) -> tuple[ExternalPlan, ...]:
 
 
 def plan_lifecycle(wiring: Wiring) -> tuple[LifecyclePlan, ...]:
-    """The nodes whose states the run changes, in the order of the spec."""
+    """Return the nodes whose states the run changes, in the order of the spec."""
     return tuple(
         LifecyclePlan(name=node.name, phase=phase.phase, state=node.node.lifecycle)
         for phase in wiring.phases
@@ -78,14 +78,14 @@ def plan_lifecycle(wiring: Wiring) -> tuple[LifecyclePlan, ...]:
 
 
 def has_single_harness(spec: Spec) -> bool:
-    """Whether the harness is one process during the measurement."""
+    """Return whether the harness is one process during the measurement."""
     return spec.harness.placement == "shared" or (
         spec.graph.placement == "harness" and spec.harness.placement != "graph"
     )
 
 
 def reserved_names(spec: Spec) -> tuple[str, ...]:
-    """The names of processes that no node of the graph, and no container, can have.
+    """Return the names of processes that no node of the graph, and no container, can have.
 
     ``graph`` and ``system`` are all processes of the graph, and the whole machine, in the names of
     metrics.
@@ -99,7 +99,7 @@ def reserved_names(spec: Spec) -> tuple[str, ...]:
 
 
 def process_names(spec: Spec, wiring: Wiring) -> tuple[str, ...]:
-    """The names of the processes that run during the measurement."""
+    """Return the names of the processes that run during the measurement."""
     return tuple(each.name for each in plan_processes(spec, wiring) if each.phase == "measure")
 
 
@@ -114,7 +114,7 @@ def _preprocess(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
 
 
 def graph_processes(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
-    """The processes of the graph under test, without parts of the harness in them."""
+    """Yield the processes of the graph under test, without parts of the harness in them."""
     phase = wiring.measure
     placed, alone = _group_by_container(phase.nodes, spec)
     yield from _containers(spec, wiring, placed, phase.phase)
@@ -136,7 +136,7 @@ def graph_processes(spec: Spec, wiring: Wiring) -> Iterator[ProcessPlan]:
 def _group_by_container(
     nodes: Iterable[NodeWiring], spec: Spec
 ) -> tuple[dict[str, list[NodeWiring]], list[NodeWiring]]:
-    """The nodes by their containers, and the nodes without one."""
+    """Return the nodes by their containers, and the nodes without one."""
     placed: dict[str, list[NodeWiring]] = {}
     alone = []
     for node in nodes:
@@ -150,7 +150,7 @@ def _group_by_container(
 def _containers(
     spec: Spec, wiring: Wiring, placed: dict[str, list[NodeWiring]], phase: Phase
 ) -> Iterator[ProcessPlan]:
-    """The containers that are used, in the order of the spec."""
+    """Yield the containers that are used, in the order of the spec."""
     for name, container in spec.containers.items():
         nodes = placed.get(name)
         if nodes:
@@ -192,7 +192,7 @@ def _joint_process(
     nodes: Iterable[NodeWiring],
     **rest: Any,
 ) -> ProcessPlan:
-    """A process of several nodes; each of them adds to its environment."""
+    """Return a process of several nodes; each of them adds to its environment."""
     rest = {"phase": "measure", "env": {}, **rest}
     for node in nodes:
         rest["env"] = rest["env"] | node.node.env
@@ -207,7 +207,7 @@ def _harness_process(
 
 
 def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
-    """The harness in one process, with the nodes of the graph that are placed in it."""
+    """Return the harness in one process, with the nodes of the graph that are placed in it."""
     python = [
         node
         for node in wiring.measure.nodes
@@ -222,7 +222,7 @@ def _single_harness(spec: Spec, wiring: Wiring) -> ProcessPlan:
 
 
 def _process(node: NodeWiring, name: str, phase: Phase) -> Iterator[ProcessPlan]:
-    """The process of a node with its own process; none for an external node."""
+    """Yield the process of a node with its own process; none for an external node."""
     spec: Node = node.node
     role = node.role
     if role is None:
@@ -286,7 +286,7 @@ class PartPlacement(msgspec.Struct, frozen=True):
 def find_places(
     spec: Spec, wiring: Wiring, processes: Iterable[ProcessPlan]
 ) -> tuple[PartPlacement, ...]:
-    """The place of the player, unless the benchmark is live, and of each monitor.
+    """Return the place of the player, unless the benchmark is live, and of each monitor.
 
     Args:
         spec: with ``placement: graph``.
@@ -316,7 +316,7 @@ def _nodes_of(phase: PhaseWiring, endpoints: Iterable[WiredEndpoint]) -> list[No
 def _place(
     part: str, path: Path, named: str, owners: dict[str, str], nodes: Sequence[NodeWiring]
 ) -> PartPlacement:
-    """The place of a part, whose topics these nodes read or publish."""
+    """Return the place of a part, whose topics these nodes read or publish."""
     processes = tuple(dict.fromkeys(owners.values()))
     if named:
         name, _, program = named.partition("/")
@@ -332,7 +332,7 @@ def _place(
 def join_processes(
     spec: Spec, wiring: Wiring, processes: Sequence[ProcessPlan]
 ) -> tuple[ProcessPlan, ...]:
-    """The processes of the graph, with the parts of the harness that each gets.
+    """Return the processes of the graph, with the parts of the harness that each gets.
 
     A part whose place is not decided, which is an error of the spec, runs in none.
     """

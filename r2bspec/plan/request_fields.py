@@ -54,7 +54,7 @@ def field_mistakes(
     fields_of: FieldsOf,
     path: tuple[str | int, ...] = (),
 ) -> Iterator[FieldMistake]:
-    """What of some fields does not fit, in their order.
+    """Yield what of some fields does not fit, in their order.
 
     Args:
         values: the fields that a spec gives.
@@ -108,7 +108,7 @@ def _list_mistakes(
 
 
 def _scalar_mistake(value: Any, type_name: str) -> str | None:
-    """How a value would fit a type that is neither a list nor a message; None if it does."""
+    """Return how a value would fit a type that is neither a list nor a message; None if it does."""
     if type_name == "boolean":
         return None if isinstance(value, bool) else "write true or false"
     if text := _TEXT.fullmatch(type_name):

@@ -17,7 +17,9 @@ _LEFT_OUT: Final = frozenset({"harness_overhead", "search", "sustained", "play"}
 
 
 def smoke_plan(plan: Plan) -> Plan:
-    """The plan with one short iteration at its lowest rate, without probes; nothing is judged.
+    """Return the plan with one short iteration at its lowest rate, without probes.
+
+    Nothing is judged.
 
     The harness overhead is not measured: it says what of a latency is not the graph's, and takes
     ten seconds at 2 Hz.
@@ -49,7 +51,7 @@ def smoke_plan(plan: Plan) -> Plan:
 
 
 def is_smoke_plan(plan: Plan) -> bool:
-    """Whether a plan has objectives that a smoke run does not judge."""
+    """Return whether a plan has objectives that a smoke run does not judge."""
     return bool(plan.objectives) and all(
         objective.level == "off" for objective in plan.objectives.values()
     )

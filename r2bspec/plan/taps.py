@@ -13,12 +13,12 @@ _TAP_PREFIX = "tap."
 
 
 def all_taps(monitors: Iterable[MonitorPlan]) -> tuple[TapPlan, ...]:
-    """Every tapped topic once, even if several monitors have it."""
+    """Return every tapped topic once, even if several monitors have it."""
     return tuple({tap.topic: tap for monitor in monitors for tap in monitor.taps}.values())
 
 
 def tap_monitors(monitors: Iterable[MonitorPlan]) -> tuple[MonitorPlan, ...]:
-    """The taps as monitors, with the QoS of their publishers."""
+    """Return the taps as monitors, with the QoS of their publishers."""
     return tuple(
         MonitorPlan(
             name=tap_name(tap.topic), topic=tap.topic, type=tap.type, match="stamp", qos=None
@@ -28,7 +28,10 @@ def tap_monitors(monitors: Iterable[MonitorPlan]) -> tuple[MonitorPlan, ...]:
 
 
 def tap_name(topic: str) -> str:
-    """The name of the samples of a tap; neither topics nor monitors have dots in their names."""
+    """Return the name of the samples of a tap.
+
+    Neither topics nor monitors have dots in their names.
+    """
     return _TAP_PREFIX + topic.strip("/").replace("/", ".")
 
 

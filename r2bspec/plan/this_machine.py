@@ -66,7 +66,7 @@ class MachineFacts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def has_capability(number: int) -> bool:
-    """Whether this process has a capability, for which limits do not count."""
+    """Return whether this process has a capability, for which limits do not count."""
     try:
         lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -76,7 +76,7 @@ def has_capability(number: int) -> bool:
 
 
 def ament_prefixes() -> list[Path]:
-    """The folders in which ROS packages are installed."""
+    """Return the folders in which ROS packages are installed."""
     prefixes = os.environ.get("AMENT_PREFIX_PATH") or ""
     return [Path(prefix) for prefix in prefixes.split(":") if prefix]
 
@@ -138,7 +138,7 @@ def _text(path: Path) -> str:
 
 
 def gpus() -> tuple[str, ...]:
-    """The GPUs of which the kernel has a driver, by their models."""
+    """Return the GPUs of which the kernel has a driver, by their models."""
     try:
         folders = sorted(_NVIDIA.iterdir())
         return tuple(_model(folder) for folder in folders)
@@ -147,7 +147,7 @@ def gpus() -> tuple[str, ...]:
 
 
 def shared_memory_bytes() -> int | None:
-    """The size of the file system for shared memory; None where there is none."""
+    """Return the size of the file system for shared memory; None where there is none."""
     try:
         file_system = os.statvfs(SHARED_MEMORY)
     except OSError:
@@ -156,12 +156,12 @@ def shared_memory_bytes() -> int | None:
 
 
 def ros_distro() -> str:
-    """The ROS distribution: a sourced one, or that of the wheels; empty if there is none."""
+    """Return the ROS distribution: a sourced one, or that of the wheels; empty if there is none."""
     return os.environ.get("ROS_DISTRO") or distro_of_wheels()
 
 
 def distro_of_wheels() -> str:
-    """The ROS distribution whose wheels are in this environment; empty if none is."""
+    """Return the ROS distribution whose wheels are in this environment; empty if none is."""
     names = (name for folder in sys.path for name in names_if_any(Path(folder or ".")))
     installed = {match[1] for match in map(_RCLPY.match, names) if match}
     return next((distro for distro in ROS_DISTROS if distro in installed), "")
@@ -185,7 +185,7 @@ def find_module(name: str) -> ModuleSpec | None:
 
 
 def module_file(name: str) -> Path | None:
-    """The Python file of a module; None if it is not found, or has none."""
+    """Return the Python file of a module; None if it is not found, or has none."""
     module = find_module(name)
     origin = module.origin if module is not None else None
     return Path(origin) if origin is not None and origin.endswith(".py") else None
@@ -213,7 +213,10 @@ def _model(folder: Path) -> str:
 
 
 def unmet(requires: Requires | None, machine: MachineFacts) -> tuple[str, ...]:
-    """What a machine lacks, each as a clause such as ``it has 2 cores, not 8``; none if it fits."""
+    """Return what a machine lacks, each as a clause such as ``it has 2 cores, not 8``.
+
+    None if it fits.
+    """
     return tuple(_unmet(requires, machine)) if requires is not None else ()
 
 

@@ -74,7 +74,7 @@ class TimeEstimate:
         return self.once_s + (self.least_runs or self.runs) * self.run_s
 
     def text(self) -> str:
-        """The estimate in words.
+        """Return the estimate in words.
 
         Such as ``about 40 s, up to 2 min``, or, of a comparison, ``about 50 s to 2 min (5 to 12
         starts of both sides), up to 3 min with a confirmation``.
@@ -100,7 +100,7 @@ def range_text(least_s: float, most_s: float) -> str:
 
 
 def estimate_time(plan: Plan) -> TimeEstimate:
-    """The time that a run of the plan will take."""
+    """Return the time that a run of the plan will take."""
     play_s = sum(_play_s(play, play.iterations) for play in plan.plays)
     probe_s = plan.search.probe_ns / 1e9 if plan.search is not None else PROBE.seconds
     start_waits_s = sum(wait.seconds for wait in StartWaits.fields_of(plan).values())
@@ -140,7 +140,7 @@ def estimate_time(plan: Plan) -> TimeEstimate:
 
 
 def estimate_pairs(plan: Plan, pairs: int | None = None) -> TimeEstimate:
-    """The time that interleaved runs of a base and of the plan will take.
+    """Return the time that interleaved runs of a base and of the plan will take.
 
     Args:
         plan: of the head, with all iterations.
@@ -159,7 +159,7 @@ BOTH_SIDES: Final = "both_sides"
 
 
 def estimate_turns(plan: Plan, starts: int, steps: int, *, base_alone: bool) -> TimeEstimate:
-    """The time that starts of both sides will take, which are played by turns.
+    """Return the time that starts of both sides will take, which are played by turns.
 
     Args:
         plan: of the head, with all iterations.

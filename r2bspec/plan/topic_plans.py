@@ -33,7 +33,10 @@ def plan_inputs(
 
 
 def direct_bag_topic(source: str, spec: Spec, wiring: Wiring) -> str:
-    """The bag topic that is loaded as `source` without preprocessing; empty if there is none."""
+    """Return the bag topic that is loaded as `source` without preprocessing.
+
+    Empty if there is none.
+    """
     if any(publisher.is_node for publisher in wiring.preprocess.publishers(source)):
         return ""
     for bag_topic, target in spec.data_loader.topics.items():
@@ -43,7 +46,7 @@ def direct_bag_topic(source: str, spec: Spec, wiring: Wiring) -> str:
 
 
 def plan_topics(spec: Spec, wiring: Wiring) -> tuple[TopicPlan, ...]:
-    """All topics of the run, by phase and name.
+    """Return all topics of the run, by phase and name.
 
     In the preprocess phase the loader publishes only topics to which a preprocessor subscribes or,
     if its interface is unknown, may subscribe. It records only outputs of preprocessors.
@@ -96,7 +99,7 @@ def _owners(endpoints: tuple[WiredEndpoint, ...]) -> tuple[str, ...]:
 
 
 def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
-    """The monitors, in the order of the spec."""
+    """Return the monitors, in the order of the spec."""
     calls = {end: name for name, call in spec.recorded_calls.items() for end in call.answers(name)}
     return tuple(
         MonitorPlan(
@@ -116,7 +119,7 @@ def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
 def answered_inputs(
     monitor: Monitor, spec: Spec, wiring: Wiring, call: str = ""
 ) -> tuple[str, ...]:
-    """The inputs of a timeline that a monitor answers, in the order of the spec.
+    """Return the inputs of a timeline that a monitor answers, in the order of the spec.
 
     Without `answers`, they are those with a known path to the monitor; all if there is none. A
     recorded `call` is answered itself.
@@ -137,7 +140,7 @@ def answered_inputs(
 
 
 def _taps(monitor: Monitor, wiring: Wiring) -> tuple[TapPlan, ...]:
-    """The topics of known type between the player and a monitor."""
+    """Return the topics of known type between the player and a monitor."""
     phase = wiring.measure
     topic = wiring.topic(monitor.topic)
     played = [

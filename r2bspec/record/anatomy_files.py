@@ -46,7 +46,7 @@ _OBJECT_KINDS: Final[tuple[AnatomyObjectKind, ...]] = (
 
 
 def file_bytes(events: int) -> int:
-    """The size of a file with room for so many events, of up to 16 threads.
+    """Return the size of a file with room for so many events, of up to 16 threads.
 
     A thread leaves its last slab unfinished.
     """
@@ -75,7 +75,7 @@ class AnatomyReader:
     def read(
         self, passed_ns: int = 0
     ) -> tuple[Rows, tuple[AnatomyObject, ...], tuple[AnatomyProcess, ...]]:
-        """What has been recorded and was not passed.
+        """Return what has been recorded and was not passed.
 
         A file that its process was still making is left out, as are events that it had not
         finished. Events beyond the limit for all are counted as lost, and so are those that cannot
@@ -141,7 +141,7 @@ class _EventFile:
         """Of its objects, by their places in its table."""
 
     def events(self, file: BinaryIO, table: bytes, room: int, passed_ns: int) -> Rows:
-        """The finished events, at most `room`, behind the header and the objects."""
+        """Return the finished events, at most `room`, behind the header and the objects."""
         if len(table) < _ROWS_AT or table[: len(_MAGIC)] != _MAGIC:
             raise RecordError(f"{self._path} is damaged: it has no header of events", hint=_HINT)
         header = np.frombuffer(table, _HEADER, count=1)[0]
@@ -183,7 +183,10 @@ class _EventFile:
         rows["process"] = self._process
 
     def _read_slabs(self, file: BinaryIO, slabs: int, room: int, passed_ns: int) -> Rows:
-        """The rows of all slabs that were not passed; those that follow each other in one go."""
+        """Return the rows of all slabs that were not passed.
+
+        Those that follow each other in one go.
+        """
         self._lost = self.rows = 0
         # What a header says is not believed: the file has an end.
         there = -(-max(0, os.fstat(file.fileno()).st_size - _ROWS_AT) // _SLAB_BYTES)
@@ -239,7 +242,7 @@ def _put(known: list[_Known], value: _Known, place: int | None) -> int:
 
 
 def _text(stored: bytes) -> str:
-    """A name, which C ends with a zero."""
+    """Return a name, which C ends with a zero."""
     return bytes(stored).split(b"\0")[0].decode(errors="replace")
 
 

@@ -169,7 +169,7 @@ def prefixed_id(number: int, own: str) -> str:
 
 
 def _search(records: Sequence[RunRecord]) -> SearchRecord | None:
-    """The bracket that contains the brackets of all runs."""
+    """Return the bracket that contains the brackets of all runs."""
     searches = [record.search for record in records if record.search is not None]
     if not searches:
         return None
@@ -231,7 +231,7 @@ class PairRecord(msgspec.Struct, frozen=True, kw_only=True):
     unusable: str = ""
 
     def folder(self, side: Side) -> str:
-        """The folder of one of its runs, likewise."""
+        """Return the folder of one of its runs, likewise."""
         return self.base if side == "base" else self.head
 
 
@@ -303,7 +303,7 @@ class PairedComparison:
     opened: dict[str, Run] = field(default_factory=dict)
 
     def usable_pairs(self) -> tuple[PairRecord, ...]:
-        """The pairs that count: of each number the first usable one."""
+        """Return the pairs that count: of each number the first usable one."""
         pairs: dict[int, PairRecord] = {}
         for pair in self.record.pairs:
             if not pair.unusable:
@@ -322,7 +322,7 @@ class PairedComparison:
         return self.opened[folder]
 
     def merged(self, pairs: Sequence[PairRecord], side: Side) -> MergedRun:
-        """All runs of one side of some pairs as one.
+        """Return all runs of one side of some pairs as one.
 
         Raises:
             RecordError: a folder is missing or damaged.
@@ -338,11 +338,11 @@ class PairedComparison:
         )
 
     def spec_text(self) -> str:
-        """The resolved spec of the head; empty if the folder has none."""
+        """Return the resolved spec of the head; empty if the folder has none."""
         return read_spec_text(self.folder / "spec.yaml")
 
     def _fallback_runs(self, side: Side) -> list[Run]:
-        """A run with machine and versions, if no pair is usable."""
+        """Return a run with machine and versions, if no pair is usable."""
         for pair in self.record.pairs:
             folder = self.folder / pair.folder(side)
             if (folder / "record.json").exists():
@@ -373,7 +373,7 @@ class PairedComparison:
 
 
 def is_comparison(path: Path) -> bool:
-    """Whether a folder is the folder of a comparison."""
+    """Return whether a folder is the folder of a comparison."""
     return is_regular(path / PAIRS_FILE)
 
 

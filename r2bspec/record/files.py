@@ -116,7 +116,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def to_json(value: Any) -> bytes:
-    """The content of a JSON file in a run folder."""
+    """Return the content of a JSON file in a run folder."""
     return msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n"
 
 
@@ -138,7 +138,7 @@ class FolderReader:
         return f"The folder was changed after the {self.what}, or was not written by r2bspec."
 
     def versioned(self, path: Path, kind: type[T], version_key: str, missing: str = "") -> T:
-        """A file that states its format version, which is checked before anything else.
+        """Return a file that states its format version, which is checked before anything else.
 
         Args:
             path: the file.
@@ -174,7 +174,7 @@ class FolderReader:
             )
 
     def optional(self, path: Path, kind: type[T]) -> T | None:
-        """A file that not every folder has; None without it.
+        """Return a file that not every folder has; None without it.
 
         Raises:
             RecordError: it is damaged.
@@ -187,7 +187,7 @@ class FolderReader:
             raise RecordError(f"{path} is damaged: {error}", hint=self.changed) from error
 
     def content(self, path: Path, missing: str = "") -> bytes:
-        """The content of a file; `missing` is as for `versioned`.
+        """Return the content of a file; `missing` is as for `versioned`.
 
         Raises:
             RecordError: it cannot be read.

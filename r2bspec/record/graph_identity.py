@@ -90,14 +90,14 @@ class GraphIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def node_digest(node: NodeIdentity) -> str:
-    """The digest of a node, over everything in it but the paths of its files."""
+    """Return the digest of a node, over everything in it but the paths of its files."""
     if not (node.files or node.version):
         return ""
     return _digest([node.kind, _contents(node), node.package, node.version])
 
 
 def identity_digest(nodes: Mapping[str, NodeIdentity], packages: Mapping[str, str]) -> str:
-    """The digest of a graph."""
+    """Return the digest of a graph."""
     contents = {name: [node.kind, node.digest] for name, node in nodes.items()}
     return _digest([sorted(contents.items()), sorted(packages.items())])
 
@@ -107,7 +107,10 @@ def _digest(value: object) -> str:
 
 
 def revision_text(revision: Revision | None) -> str:
-    """A revision in a few words: ``3f2a1c4+dirty`` or ``origin/main@9b1e44f``; empty for None."""
+    """Return a revision in a few words: ``3f2a1c4+dirty`` or ``origin/main@9b1e44f``.
+
+    Empty for None.
+    """
     if revision is None:
         return ""
     text = revision.commit[:_SHOWN_COMMIT_DIGITS] or "no commit"
@@ -146,7 +149,7 @@ def _merged(first: GraphIdentity, other: GraphIdentity) -> GraphIdentity | None:
 
 
 def identity_differences(base: GraphIdentity, head: GraphIdentity) -> tuple[str, ...]:
-    """What differs, from the base to the head: ``blur.py changed``, ``numpy 2.1 → 2.2``.
+    """Return what differs, from the base to the head: ``blur.py changed``, ``numpy 2.1 → 2.2``.
 
     Those of nodes come first. A file that several nodes have in common is named once. Files
     outside of the work tree are matched by their content and their names, because the two sides
@@ -166,7 +169,7 @@ def identity_differences(base: GraphIdentity, head: GraphIdentity) -> tuple[str,
 def _node_differences(
     name: str, base: NodeIdentity | None, head: NodeIdentity | None
 ) -> Iterator[str]:
-    """What differs in one node, except for its files."""
+    """Yield what differs in one node, except for its files."""
     if base is None or head is None:
         yield f"{name} {'added' if base is None else 'removed'}"
         return
@@ -177,7 +180,7 @@ def _node_differences(
 
 
 def _contents(node: NodeIdentity) -> list[tuple[str, str]]:
-    """The names and the digests of the files of a node."""
+    """Return the names and the digests of the files of a node."""
     return sorted((PurePosixPath(file.path).name, file.sha256) for file in node.files)
 
 
@@ -199,7 +202,10 @@ def _files(identity: GraphIdentity) -> dict[str, str]:
 
 
 def _file_changes(base: dict[str, str], head: dict[str, str]) -> Iterator[str]:
-    """The files that changed, came or went; by their last names where these are unambiguous."""
+    """Yield the files that changed, came or went.
+
+    By their last names where these are unambiguous.
+    """
     changed = {path for path in base.keys() & head.keys() if base[path] != head[path]}
     removed = base.keys() - head.keys()
     added = head.keys() - base.keys()

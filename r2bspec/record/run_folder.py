@@ -143,13 +143,13 @@ class RunFolder:
         self.release()
 
     def log_path(self, process: str) -> Path:
-        """The path of the log of a process; its folder is created."""
+        """Return the path of the log of a process; its folder is created."""
         path = self.path / "logs" / f"{_safe_name(process)}.log"
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
     def profile_folder(self, process: str) -> Path:
-        """The folder for what a profiler writes about a process; it is created."""
+        """Return the folder for what a profiler writes about a process; it is created."""
         path = self.path / "profile" / _safe_name(process)
         path.mkdir(mode=_FOLDER_MODE, parents=True, exist_ok=True)
         return path
@@ -245,7 +245,9 @@ class Run:
         return self.segment_rows(segment, "playback.npy", arrays.PLAYBACK_DTYPE)
 
     def work(self, segment: Segment) -> arrays.Rows:
-        """The processor time of each step and process; no rows if nothing was played by a player.
+        """Return the processor time of each step and process.
+
+        No rows if nothing was played by a player.
 
         Raises:
             RecordError: the file is missing or damaged.
@@ -263,7 +265,7 @@ class Run:
         return self.segment_rows(segment, _monitor_file(name), arrays.MONITOR_DTYPE)
 
     def tap(self, segment: Segment, topic: str) -> arrays.Rows:
-        """The messages of a tap, one row each in order of arrival (type `MONITOR_DTYPE`).
+        """Return the messages of a tap, one row each in order of arrival (type `MONITOR_DTYPE`).
 
         Raises:
             RecordError: the file is missing or damaged.
@@ -271,7 +273,7 @@ class Run:
         return self.segment_rows(segment, _tap_file(topic), arrays.MONITOR_DTYPE)
 
     def anatomy(self, segment: Segment) -> arrays.Rows:
-        """The events in the processes of the graph, in the order in which they began.
+        """Return the events in the processes of the graph, in the order in which they began.
 
         Raises:
             RecordError: the file is missing or damaged.
@@ -279,11 +281,11 @@ class Run:
         return self.segment_rows(segment, _ANATOMY, arrays.ANATOMY_DTYPE)
 
     def has_anatomy(self, segment: Segment) -> bool:
-        """Whether a segment was observed from inside."""
+        """Return whether a segment was observed from inside."""
         return f"{_samples_of(segment.id)}/{_ANATOMY}" in self.record.samples
 
     def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> arrays.Rows:
-        """The rows of one file of a segment.
+        """Return the rows of one file of a segment.
 
         Raises:
             RecordError: the file is missing or damaged.
@@ -291,7 +293,7 @@ class Run:
         return self._rows(f"{_samples_of(segment.id)}/{file}", dtype)
 
     def _rows(self, place: str, dtype: np.dtype[np.void]) -> arrays.Rows:
-        """The rows of a file, which is compared with its digest in the record.
+        """Return the rows of a file, which is compared with its digest in the record.
 
         Raises:
             RecordError: it is missing, damaged, or not in the record.
@@ -341,14 +343,14 @@ class Run:
         )
 
     def unlisted_segments(self) -> list[str]:
-        """The names of segments whose samples are in the folder, and not in the record."""
+        """Return the names of segments whose samples are in the folder, and not in the record."""
         listed = {segment.id for segment in self.record.segments}
         samples = self.folder / "samples"
         stored = {place.name for place in samples.iterdir()} if is_folder(samples) else set()
         return sorted(stored - listed)
 
     def spec_text(self) -> str:
-        """The resolved spec, as YAML; empty if the folder has none."""
+        """Return the resolved spec, as YAML; empty if the folder has none."""
         return read_spec_text(self.folder / "spec.yaml")
 
 
@@ -396,7 +398,7 @@ def open_run(path: Path) -> Run:
 
 
 def _runs_below(path: Path, *records: str) -> str:
-    """The first folders below one that have such a record."""
+    """Return the first folders below one that have such a record."""
     folder = path.absolute()
     found = [
         place.parent
@@ -430,7 +432,7 @@ def _check_samples(folder: Path, record: RunRecord) -> None:
 
 
 def read_stored_plan(files: FolderReader, path: Path, expected_hash: str) -> Plan:
-    """The plan of a stored run or comparison.
+    """Return the plan of a stored run or comparison.
 
     Raises:
         RecordError: it cannot be read, is damaged, or is another plan.
@@ -446,7 +448,7 @@ def read_stored_plan(files: FolderReader, path: Path, expected_hash: str) -> Pla
 
 
 def read_spec_text(path: Path) -> str:
-    """The resolved spec of a run or comparison; empty if the folder has none.
+    """Return the resolved spec of a run or comparison; empty if the folder has none.
 
     Raises:
         RecordError: it is no regular file, too large, not UTF-8, or no YAML within the limits.
@@ -476,7 +478,9 @@ def write_loaded_files(folder: Path, files: Mapping[str, Iterable[str]]) -> None
 
 
 def read_loaded_files(folder: Path) -> dict[str, tuple[str, ...]]:
-    """The files that each process of a run has loaded, by its name; empty if that is not known.
+    """Return the files that each process of a run has loaded, by its name.
+
+    Empty if that is not known.
 
     Raises:
         RecordError: the file is damaged.

@@ -213,7 +213,7 @@ _LENGTH_AT = npy_format.MAGIC_LEN
 
 @lru_cache(maxsize=256)
 def _parse_header(header: bytes) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """The shape and the type of an array; a run has thousands of files with few headers.
+    """Return the shape and the type of an array; a run has thousands of files with few headers.
 
     Args:
         header: version 1.0 of the format, the only one that `write_rows` writes.

@@ -26,7 +26,7 @@ _SMALL: Final = 0.01
 
 
 def anatomies_of(result: Result) -> tuple[AnatomySummary, ...]:
-    """The anatomies of a result, which most results have none of."""
+    """Return the anatomies of a result, which most results have none of."""
     return () if result.anatomies is msgspec.UNSET else result.anatomies
 
 
@@ -37,7 +37,7 @@ def title(anatomy: AnatomySummary, path: PathSummary) -> str:
 
 
 def caption(path: PathSummary) -> str:
-    """How many messages there are, and how they came."""
+    """Return how many messages there are, and how they came."""
     texts = [f"{path.n:,} message{'s' if path.n != 1 else ''}"]
     if path.last < path.n:
         texts.append(f"{path.last:,} of them came after the other inputs that they needed")
@@ -47,7 +47,7 @@ def caption(path: PathSummary) -> str:
 
 
 def part_rows(path: PathSummary) -> Iterator[tuple[str, ...]]:
-    """A row for each part with a share, and one for the whole; see `PART_COLUMNS`."""
+    """Yield a row for each part with a share, and one for the whole; see `PART_COLUMNS`."""
     small = [part for part in path.parts if not is_shown(part, path)]
     # A single one takes no more room than a row that stands for it.
     small = small if len(small) > 1 else []
@@ -66,17 +66,17 @@ def part_rows(path: PathSummary) -> Iterator[tuple[str, ...]]:
 
 
 def is_shown(part: PartSummary, path: PathSummary) -> bool:
-    """Whether a part is large enough for a row of its own."""
+    """Return whether a part is large enough for a row of its own."""
     return part.share >= _SMALL or (part.p99 or 0.0) >= _SMALL * (path.p99 or 0.0)
 
 
 def share(value: float) -> str:
-    """A share in percent, with a decimal below ten."""
+    """Return a share in percent, with a decimal below ten."""
     return f"{value * 100:.0f} %" if value >= 0.1 else f"{value * 100:.1f} %"
 
 
 def node_rows(anatomy: AnatomySummary) -> Iterator[tuple[str, ...]]:
-    """A row for each node; see `NODE_COLUMNS`."""
+    """Yield a row for each node; see `NODE_COLUMNS`."""
     for node in anatomy.nodes:
         yield (
             node.name,
@@ -90,7 +90,7 @@ def node_rows(anatomy: AnatomySummary) -> Iterator[tuple[str, ...]]:
 
 
 def anatomy_notes(anatomy: AnatomySummary) -> Iterator[str]:
-    """What is missing, a sentence each, without a full stop."""
+    """Yield what is missing, a sentence each, without a full stop."""
     if anatomy.error:
         yield anatomy.error.rstrip(".")
     for monitor, received in anatomy.received.items():

@@ -33,14 +33,14 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def render_values(report_input: ReportInput) -> bytes:
-    """Every value of a result; `iteration` is empty for pooled values."""
+    """Return every value of a result; `iteration` is empty for pooled values."""
     result = report_input.result
     rows = ((result.run_id, result.name, *row) for row in result_rows(result))
     return csv_text(("run_id", "name", *Row._fields), rows).encode()
 
 
 def render_samples(report_input: ReportInput) -> bytes:
-    """Every message, by monitor in the order of playing.
+    """Return every message, by monitor in the order of playing.
 
     Raises:
         SamplesMissingError: only the result is known.

@@ -69,7 +69,7 @@ def render(
     *,
     colour: bool = False,
 ) -> str:
-    """The findings in the format of that name.
+    """Return the findings in the format of that name.
 
     Args:
         name: one of `FORMATS`.
@@ -255,7 +255,7 @@ def _junit(diagnostics: Sequence[Diagnostic], files: Iterable[str]) -> str:
 
 
 def junit_text(xml: JUnitXml) -> str:
-    """A document of JUnit XML as text, with a newline at its end."""
+    """Return a document of JUnit XML as text, with a newline at its end."""
     buffer = io.BytesIO()
     xml.write(buffer, pretty=True)
     return buffer.getvalue().decode().rstrip() + "\n"
@@ -316,7 +316,7 @@ def _annotation(found: Diagnostic) -> str:
 
 
 def command_place(span: Span) -> dict[str, str]:
-    """The properties of a workflow command that place it on the lines of a file."""
+    """Return the properties of a workflow command that place it on the lines of a file."""
     place = {"file": span.file, "line": str(span.line), "endLine": str(span.end_line)}
     if span.end_line == span.line:  # GitHub refuses columns for a span of several lines
         place |= {"col": str(span.column), "endColumn": str(span.end_column)}
@@ -324,7 +324,7 @@ def command_place(span: Span) -> dict[str, str]:
 
 
 def command(kind: str, title: str, text: str, place: Mapping[str, str]) -> str:
-    """A workflow command of GitHub, such as ``::warning title=..::..``."""
+    """Return a workflow command of GitHub, such as ``::warning title=..::..``."""
     properties = {**place, "title": title}
     shown = ",".join(f"{key}={_property(value)}" for key, value in properties.items())
     return f"::{kind} {shown}::{_data(text)}"

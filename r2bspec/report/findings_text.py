@@ -29,13 +29,13 @@ from r2bspec.report.output import write
 
 
 def slug_of(code: str) -> str:
-    """The slug of a code, such as ``unknown-key``; empty for a code without a page."""
+    """Return the slug of a code, such as ``unknown-key``; empty for a code without a page."""
     page = find_page(code)
     return page.slug if page is not None else ""
 
 
 def code_with_slug(code: str) -> str:
-    """The code with its slug, as shown to users: ``R2B101 unknown-key``."""
+    """Return the code with its slug, as shown to users: ``R2B101 unknown-key``."""
     return f"{code} {slug_of(code)}".rstrip()
 
 
@@ -46,7 +46,7 @@ _CONTEXT_BEFORE = 40  # characters kept before the span in a truncated line
 
 
 def excerpt(span: Span, text: str) -> tuple[str, str] | None:
-    """The line of a span and the carets under it; None if the text has no such line.
+    """Return the line of a span and the carets under it; None if the text has no such line.
 
     A span of several lines is marked to the end of its first line.
     """
@@ -77,7 +77,7 @@ def _window(line: str, start: int, end: int) -> tuple[str, int, int]:
 
 
 def _columns(text: str) -> int:
-    """The columns that the text takes on a terminal."""
+    """Return the columns that the text takes on a terminal."""
     if text.isascii():
         return len(text)
     wide = sum(unicodedata.east_asian_width(char) in "WF" for char in text)
@@ -99,7 +99,7 @@ MAX_SHOWN = 100
 def render_text(
     diagnostics: Iterable[Diagnostic], sources: Mapping[str, str], *, colour: bool = False
 ) -> str:
-    """The findings in their order, a block of lines each; `sources` are texts by file name.
+    """Return the findings in their order, a block of lines each; `sources` are texts by file name.
 
     Of very many in one file, warnings are left out first, and then those further down.
     """
@@ -171,6 +171,6 @@ def print_findings(
 
 
 def wants_colour(stream: TextIO) -> bool:
-    """Whether to use colours: on a terminal, unless NO_COLOR, CI or TERM forbid it."""
+    """Return whether to use colours: on a terminal, unless NO_COLOR, CI or TERM forbid it."""
     silenced = os.environ.get("NO_COLOR") or os.environ.get("CI") == "true"
     return stream.isatty() and not silenced and os.environ.get("TERM") != "dumb"

@@ -77,14 +77,14 @@ GRAPH_PAGE: Final = "html.page:render_graph"
 
 
 def load(function: str) -> Callable[..., Any]:
-    """A function that this registry names, imported now."""
+    """Return a function that this registry names, imported now."""
     module, _, name = function.partition(":")
     loaded: Callable[..., Any] = getattr(importlib.import_module(f"r2bspec.report.{module}"), name)
     return loaded
 
 
 def find_format(name: str) -> Format:
-    """The format of that name.
+    """Return the format of that name.
 
     Raises:
         ReportUsageError: there is none.
@@ -117,7 +117,7 @@ def check_installed(name: str) -> None:
 
 
 def renderer(name: str) -> Renderer:
-    """The function that renders a format.
+    """Return the function that renders a format.
 
     Raises:
         ReportUsageError: there is no such format.
@@ -130,7 +130,7 @@ def renderer(name: str) -> Renderer:
 
 
 def _render_text(render: Renderer, report_input: ReportInput, *, commands: bool) -> bytes:
-    """A report without control characters, and without commands but its own."""
+    """Return a report without control characters, and without commands but its own."""
     result = plain_values(report_input.result)
     if result is not report_input.result:
         report_input = replace(report_input, result=result)

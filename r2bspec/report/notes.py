@@ -259,7 +259,7 @@ def idle_work_notes(result: Result) -> Iterator[str]:
 
 
 def _requirement_notes(result: Result, outcomes: Sequence[str]) -> Iterator[str]:
-    """The notes of requirements with these outcomes; one that several have is told once."""
+    """Yield the notes of requirements with these outcomes; one that several have is told once."""
     several = wording.several_monitors(result.verdict)
     about: dict[str, list[str]] = {}
     for verdict in result.verdict.requirements:
@@ -296,7 +296,7 @@ def _exit_notes(result: Result) -> Iterator[str]:
 
 
 def profile_notes(profiles: Sequence[ProfileRecord]) -> Iterator[str]:
-    """The files of each profile, or why there are none, a sentence each."""
+    """Yield the files of each profile, or why there are none, a sentence each."""
     for profile in profiles:
         at = f" {at_rate(profile.rate_hz)}" if profile.rate_hz else ""
         heading = f"Profile of {profile.process}{at}, with {profile.profiler}"
@@ -309,14 +309,14 @@ def profile_notes(profiles: Sequence[ProfileRecord]) -> Iterator[str]:
 
 
 def unplayed_notes(result: Result) -> Iterator[str]:
-    """The messages of inputs that were not played, a sentence for each input."""
+    """Yield the messages of inputs that were not played, a sentence for each input."""
     for text in result.unplayed:
         agreed = ", as 'playback.unpaired' allows" if text.agreed else ""
         yield f"{'Warning: ' if text.is_warning else ''}{text.text}{agreed}"
 
 
 def _live_notes(result: Result) -> Iterator[str]:
-    """What is unknown in a live run."""
+    """Yield what is unknown in a live run."""
     live = [rate for rate in result.metrics.rates if rate.pace == "source"]
     if not live:
         return

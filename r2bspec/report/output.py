@@ -66,7 +66,7 @@ MAX_TABLE_ROWS: Final = 200
 
 
 def rows_left_out(number: int) -> str:
-    """The line for rows that a table in a terminal does not show."""
+    """Return the line for rows that a table in a terminal does not show."""
     return f"({number:,} more rows: --format json or --report json=FILE has all)"
 
 
@@ -84,7 +84,7 @@ def printed_text(show: Callable[[Console], object], width: int) -> str:
 
 
 def console(stream: TextIO | None = None, **options: Any) -> Console:
-    """A console of rich for standard output, or for `stream`, that prints harmless text."""
+    """Return a console of rich for standard output, or for `stream`, that prints harmless text."""
     from rich.console import Console
     from rich.segment import Segment
 

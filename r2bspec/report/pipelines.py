@@ -37,7 +37,10 @@ if TYPE_CHECKING:
 
 
 def render_junit(report_input: ReportInput, *, lenient: bool = False) -> bytes:
-    """The XML; inconclusive requirements are errors, or, where it is lenient, skipped cases."""
+    """Return the XML.
+
+    Inconclusive requirements are errors, or, where it is lenient, skipped cases.
+    """
     from junitparser import JUnitXml
 
     suite = to_suite(report_input, lenient=lenient)
@@ -51,7 +54,7 @@ render_junit_lenient = partial(render_junit, lenient=True)
 
 
 def to_suite(report_input: ReportInput, *, lenient: bool) -> TestSuite:
-    """The test suite of one run; see `render_junit`."""
+    """Return the test suite of one run; see `render_junit`."""
     from junitparser import TestSuite
 
     result = report_input.result
@@ -78,7 +81,7 @@ def to_suite(report_input: ReportInput, *, lenient: bool) -> TestSuite:
 
 
 def _run_case(report_input: ReportInput, name: str) -> TestCase:
-    """The test case of the run itself."""
+    """Return the test case of the run itself."""
     from junitparser import Error, TestCase
 
     verdict = report_input.result.verdict
@@ -148,7 +151,7 @@ _ADVISORY_COMMANDS = {"warn": "warning", "info": "notice"}
 
 
 def render_github(report_input: ReportInput) -> bytes:
-    """The commands, the verdict first, failures before what is inconclusive."""
+    """Return the commands, the verdict first, failures before what is inconclusive."""
     return "".join(f"{line}\n" for line in _commands(report_input)).encode()
 
 
@@ -189,7 +192,7 @@ def _commands(report_input: ReportInput) -> Iterator[str]:
 def _place(
     requirement: RequirementVerdict, loaded: LoadedSpec | None, whole: dict[str, str]
 ) -> dict[str, str]:
-    """The lines of a requirement, or the whole file."""
+    """Return the lines of a requirement, or the whole file."""
     if loaded is None:
         return whole
     span = _location(loaded, requirement)
@@ -198,7 +201,10 @@ def _place(
 
 
 def _locations(spec_file: Path | None) -> LoadedSpec | None:
-    """The spec that has the lines of requirements; None if it is unknown, missing, or no spec."""
+    """Return the spec that has the lines of requirements.
+
+    None if it is unknown, missing, or no spec.
+    """
     if spec_file is None or not is_regular(spec_file) or spec_file.suffix == ".json":
         return None
     loaded = load_spec(spec_file)
@@ -206,7 +212,7 @@ def _locations(spec_file: Path | None) -> LoadedSpec | None:
 
 
 def _location(loaded: LoadedSpec, requirement: RequirementVerdict) -> Span:
-    """The location of a requirement; else of its objective; else the whole file."""
+    """Return the location of a requirement; else of its objective; else the whole file."""
     path = ("slos", requirement.objective, "require")
     listed = lookup(loaded.tree, path) if loaded.tree is not None else None
     for item in listed.items if isinstance(listed, ListNode) else ():

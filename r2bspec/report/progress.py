@@ -78,7 +78,7 @@ class RemainingTime:
         self._phase, self._began_s = number, self._clock()
 
     def seconds(self) -> float:
-        """The estimated rest; a phase that takes longer than expected adds nothing."""
+        """Return the estimated rest; a phase that takes longer than expected adds nothing."""
         times = [seconds * self._factor for seconds in self._estimate.phases.values()]
         later = sum(times[self._phase + 1 :])
         elapsed_s = self._clock() - self._began_s if self._phase >= 0 else 0.0
@@ -100,7 +100,7 @@ class RemainingTime:
         return list(self._estimate.phases.values())[self._phase] * self._factor + once_s
 
     def text(self) -> str:
-        """The rest in words, as far as it is known."""
+        """Return the rest in words, as far as it is known."""
         late_s = self._clock() - self._began_s - self._current_s
         if not self._is_known or (self._phase >= 0 and late_s > max(_LATE_S, self._current_s / 3)):
             return "takes longer than estimated"
@@ -128,7 +128,7 @@ _MAX_PROCESSES = 4
 
 
 def progress_text(progress: SegmentProgress, steps: int) -> str:
-    """The progress of a segment of `steps` steps, in a line."""
+    """Return the progress of a segment of `steps` steps, in a line."""
     p99_ns = progress.p99_ns()
     parts = [f"{progress.sent()} of {steps} sent", f"{progress.received()} received"]
     if p99_ns is not None:
@@ -137,7 +137,7 @@ def progress_text(progress: SegmentProgress, steps: int) -> str:
 
 
 def load_text(cores: Mapping[str, float]) -> str:
-    """The busiest processes, with their share of a core."""
+    """Return the busiest processes, with their share of a core."""
     busiest = sorted(cores.items(), key=lambda one: -one[1])[:_MAX_PROCESSES]
     # Names come from the user and may contain control characters.
     shown = [f"{printable(name)} {show(used, 'share', 2)}" for name, used in busiest]

@@ -14,7 +14,7 @@ from r2bspec.judge.result import Result
 
 
 def render(report_input: ReportInput) -> bytes:
-    """The result, valid by ``schemas/r2bspec-result-v1.schema.json``."""
+    """Return the result, valid by ``schemas/r2bspec-result-v1.schema.json``."""
     return to_json(report_input.result)
 
 
@@ -22,7 +22,7 @@ FILE_NAME = "r2bspec-result-v1.schema.json"
 
 
 def result_schema() -> dict[str, Any]:
-    """The schema as published in ``schemas/``: JSON Schema draft 2020-12."""
+    """Return the schema as published in ``schemas/``: JSON Schema draft 2020-12."""
     (reference,), components = msgspec.json.schema_components(
         [Result], ref_template="#/$defs/{name}"
     )
@@ -39,5 +39,5 @@ def result_schema() -> dict[str, Any]:
 
 
 def result_schema_text() -> str:
-    """The schema as a file, with a newline at its end."""
+    """Return the schema as a file, with a newline at its end."""
     return json.dumps(result_schema(), indent=2, sort_keys=True, ensure_ascii=False) + "\n"

@@ -42,7 +42,7 @@ def summary_metrics(outputs: Outputs = "answers") -> list[MetricInfo]:
 
 
 def is_roomy(info: MetricInfo) -> bool:
-    """Whether a metric is left out of tables where there is little room."""
+    """Return whether a metric is left out of tables where there is little room."""
     return info.quantile is not None and info.part not in SHORT_PERCENTILES
 
 
@@ -86,12 +86,12 @@ class Measured:
 
 
 def monitor_names(metrics: RunMetrics) -> list[str]:
-    """The monitors that have values."""
+    """Return the monitors that have values."""
     return [*dict.fromkeys(name for rate in metrics.rates for name in rate.pooled.monitors)]
 
 
 def measured(metrics: RunMetrics, monitor: str = "") -> Iterator[Measured]:
-    """What each monitor, or the one of that name, received over all iterations, by rate."""
+    """Yield what each monitor, or the one of that name, received over all iterations, by rate."""
     for number, rate in enumerate(metrics.rates):
         for name, seen in rate.pooled.monitors.items():
             if monitor in {"", name}:
@@ -100,7 +100,7 @@ def measured(metrics: RunMetrics, monitor: str = "") -> Iterator[Measured]:
 
 
 def measured_iterations(metrics: RunMetrics, monitor: str) -> Iterator[Measured]:
-    """What a monitor received in each iteration, by rate."""
+    """Yield what a monitor received in each iteration, by rate."""
     for number, rate in enumerate(metrics.rates):
         for place, iteration in enumerate(rate.iterations):
             path = f"metrics/rates/{number}/iterations/{place}/monitors/{pointer(monitor)}"
@@ -108,7 +108,7 @@ def measured_iterations(metrics: RunMetrics, monitor: str) -> Iterator[Measured]
 
 
 def pointer(key: str) -> str:
-    """A key as a part of a JSON pointer (RFC 6901)."""
+    """Return a key as a part of a JSON pointer (RFC 6901)."""
     return key.replace("~", "~0").replace("/", "~1")
 
 
@@ -136,7 +136,7 @@ _Value = tuple[str, str, str, float | None]
 
 
 def result_rows(result: Result) -> Iterator[Row]:
-    """All values by rate, pooled first, then by iteration; peak, overhead and ratios last."""
+    """Yield all values by rate, pooled first, then by iteration; peak, overhead and ratios last."""
     for offered_hz, iteration, values in _groups(result):
         for monitor, metric, unit, value in values:
             if value is not None:
@@ -189,7 +189,7 @@ def _segment(segment: SegmentMetrics) -> Iterator[_Value]:
 
 
 def _harness_overhead(overhead: HarnessOverheadRecord) -> Iterator[_Value]:
-    """The overhead on one input, whose topic is the monitor of these rows."""
+    """Yield the overhead on one input, whose topic is the monitor of these rows."""
     for part, value_ns in overhead.latencies_ns.items():
         yield overhead.topic, f"harness_overhead.{part}", "s", value_ns / 1e9
     yield overhead.topic, "harness_overhead.received", "count", overhead.received

@@ -97,7 +97,7 @@ class SuiteSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def worst_status(statuses: Iterable[int]) -> ExitStatus:
-    """The worst exit status; 0 for none."""
+    """Return the worst exit status; 0 for none."""
     by_number = {status.value: status for status in ExitStatus}
     worst = [by_number[status] for status in statuses]
     return max(worst, key=_severity, default=ExitStatus.OK)
@@ -309,7 +309,7 @@ def _sentences(summary: SuiteSummary, results: Results) -> Iterator[str]:
 
 
 def _revision_sentences(summary: SuiteSummary) -> Iterator[str]:
-    """The code that was run: once for all runs, and by name for those of other revisions.
+    """Yield the code that was run: once for all runs, and by name for those of other revisions.
 
     A run without a base, such as that of a new spec, is no other if the head is the same.
     """
@@ -331,7 +331,7 @@ def _revision_sentences(summary: SuiteSummary) -> Iterator[str]:
 
 
 def _junit(summary: SuiteSummary, known_runs: Sequence[SuiteRun], results: Results) -> str:
-    """A test suite for each run, with a case for each requirement."""
+    """Return a test suite for each run, with a case for each requirement."""
     from junitparser import Error, JUnitXml, Skipped, TestCase, TestSuite
 
     from r2bspec.report.pipelines import to_suite
@@ -354,7 +354,7 @@ def _junit(summary: SuiteSummary, known_runs: Sequence[SuiteRun], results: Resul
 
 
 def _with_distinct_names(summary: SuiteSummary) -> SuiteSummary:
-    """The summary with the path of the spec after each name that several specs have.
+    """Return the summary with the path of the spec after each name that several specs have.
 
     Runs of one spec on several hosts are told apart by their hosts.
     """

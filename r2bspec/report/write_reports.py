@@ -101,7 +101,7 @@ def check_targets(
 
 
 def _is_of_a_run(target: str, output: Path | None) -> bool:
-    """Whether a file has a name by which a run folder above it keeps what was measured."""
+    """Return whether a file has a name by which a run folder above it keeps what was measured."""
     below = None if output is None else Path(os.path.realpath(output))
     for folder in Path(target).parents:
         if folder == below or any(is_there(folder / name) for name in RECORD_FILES):
@@ -112,7 +112,7 @@ def _is_of_a_run(target: str, output: Path | None) -> bool:
 
 
 def _names_any(path: str, names: Collection[str]) -> bool:
-    """Whether a path, with any text for its placeholders, is one of these names."""
+    """Return whether a path, with any text for its placeholders, is one of these names."""
     return bool(fnmatch.filter(names, _PLACEHOLDER.sub("*", glob.escape(path))))
 
 
@@ -129,7 +129,7 @@ def _parse(option: str) -> ReportRequest:
 
 
 def takes_stdout(requests: Sequence[ReportRequest]) -> bool:
-    """Whether one of the reports is written to standard output."""
+    """Return whether one of the reports is written to standard output."""
     return any(request.path == STDOUT for request in requests)
 
 

@@ -21,7 +21,7 @@ _MAX_NOTED: Final = 10_000
 
 
 def matching_files(pattern: str) -> list[str]:
-    """The files that match a pattern of the shell, sorted.
+    """Return the files that match a pattern of the shell, sorted.
 
     ``*``, ``?`` and ``[...]`` stand for parts of a name, and ``**`` for any folders. They find no
     hidden names, and ``**`` follows no links.
@@ -35,7 +35,7 @@ def matching_files(pattern: str) -> list[str]:
 
 
 def files_below(folder: str, parts: Sequence[str], searched: str) -> list[str]:
-    """All but folders below a folder whose path matches the parts of a pattern, sorted.
+    """Return all but folders below a folder whose path matches the parts of a pattern, sorted.
 
     Pipes and links that lead nowhere are among them: a spec that is one gets a finding.
 
@@ -85,7 +85,7 @@ def _is_folder(entry: os.DirEntry[str]) -> bool:
 
 
 def regular_files(folder: Path) -> Iterator[Path]:
-    """The regular files of a folder of any depth, and what links to such."""
+    """Return the regular files of a folder of any depth, and what links to such."""
     paths = (parent / name for parent, _, files in walk(folder) for name in files)
     return (path for path in paths if os.path.isfile(path))  # noqa: PTH113 - may be too long
 
@@ -119,7 +119,7 @@ class _Search:
         self._folders = self._entries = 0
 
     def step(self, place: str, depth: int, device: int) -> Iterator[tuple[str, int, int]]:
-        """What matches one part more: each with that number of parts, and its file system."""
+        """Yield what matches one part more: each with that number of parts, and its file system."""
         deep = self.parts[depth] == _ANY_FOLDERS
         part = self.parts[depth + deep]
         after = depth + deep + 1

@@ -66,7 +66,7 @@ class WorkTreeState:
 
 
 def find_work_tree(folder: Path) -> Path | None:
-    """The top of the innermost work tree that contains a folder; None outside of one."""
+    """Return the top of the innermost work tree that contains a folder; None outside of one."""
     try:
         start = folder.resolve()
         return next((path for path in (start, *start.parents) if (path / ".git").exists()), None)
@@ -75,7 +75,7 @@ def find_work_tree(folder: Path) -> Path | None:
 
 
 def git_command(top: Path, *arguments: str) -> list[str]:
-    """The command line of git for a work tree, to be run with `git_environment`.
+    """Return the command line of git for a work tree, to be run with `git_environment`.
 
     With its folders named, git looks for no repository, and so finds none that a stranger put
     below the work tree.
@@ -91,7 +91,7 @@ def git_command(top: Path, *arguments: str) -> list[str]:
 
 
 def git_environment(filters: Iterable[str] = ()) -> dict[str, str]:
-    """The environment of git.
+    """Return the environment of git.
 
     Args:
         filters: the names of filters that are to do nothing.
@@ -155,7 +155,7 @@ def output_of(top: Path, *arguments: str) -> str:
 
 
 def _output(top: Path, *arguments: str, filters: Iterable[str] = ()) -> str | None:
-    """What git prints about a work tree; None if it fails."""
+    """Return what git prints about a work tree; None if it fails."""
     done = run_git(top, *arguments, filters=filters)
     if done is None or done.returncode:
         return None
@@ -163,7 +163,10 @@ def _output(top: Path, *arguments: str, filters: Iterable[str] = ()) -> str | No
 
 
 def filter_names(top: Path) -> frozenset[str] | None:
-    """The filters that the configurations of the repository and the user name; None if unknown."""
+    """Return the filters that the configurations of the repository and the user name.
+
+    None if unknown.
+    """
     done = run_git(top, "config", "--null", "--name-only", "--get-regexp", r"^filter\.")
     # An exit status of 1 says that no key matches.
     if done is None or done.returncode not in {0, 1}:
@@ -173,7 +176,7 @@ def filter_names(top: Path) -> frozenset[str] | None:
 
 
 def inspect_work_tree(top: Path) -> WorkTreeState | None:
-    """The commit and the changed files of a work tree; None if git cannot tell.
+    """Return the commit and the changed files of a work tree; None if git cannot tell.
 
     Files that git does not track, and submodules, are not looked at. Filters do nothing: a file
     that is stored filtered, and that git cannot tell to be unchanged by its times, counts as
@@ -207,7 +210,10 @@ _PATH_FIELDS: Final = {"1": 7, "u": 9}
 
 
 def ref_names(top: Path) -> tuple[str, ...]:
-    """The branches, branches of remotes, and tags of a repository; none if git cannot tell."""
+    """Return the branches, branches of remotes, and tags of a repository.
+
+    None if git cannot tell.
+    """
     options = (f"--count={MAX_GIT_REFS}", "--format=%(refname:short)")
     names = _output(top, "for-each-ref", *options, "refs/remotes", "refs/heads", "refs/tags")
     return tuple((names or "").split())
@@ -249,6 +255,9 @@ def object_of(top: Path, path: str) -> str:
 
 
 def commit_of(top: Path, revision: str) -> str | None:
-    """The full name of the commit that a revision means; None if git knows no such commit."""
+    """Return the full name of the commit that a revision means.
+
+    None if git knows no such commit.
+    """
     commit = _output(top, "rev-parse", "--verify", "--end-of-options", f"{revision}^{{commit}}")
     return None if commit is None else commit.strip()

@@ -92,7 +92,7 @@ def shared_lookup(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _noted(ask: Callable[[], R]) -> tuple[R, Lookups]:
-    """An answer, and the lookups that it depends on if lookups are noted now."""
+    """Return an answer, and the lookups that it depends on if lookups are noted now."""
     noting = _LOOKED_UP.get()
     if noting is None:
         return ask(), Lookups()
@@ -105,7 +105,7 @@ def _noted(ask: Callable[[], R]) -> tuple[R, Lookups]:
 
 
 def is_noting() -> bool:
-    """Whether lookups are noted now (`looked_up_files`)."""
+    """Return whether lookups are noted now (`looked_up_files`)."""
     return _LOOKED_UP.get() is not None
 
 
@@ -126,7 +126,7 @@ def note_read(path: Path) -> None:
 
 
 def stamp(path: str | Path) -> Stamp:
-    """What changes with a file."""
+    """Return what changes with a file."""
     try:
         status = os.stat(path)  # noqa: PTH116 - faster, and a path that cannot be is no file
     except (OSError, ValueError):

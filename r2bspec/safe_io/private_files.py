@@ -41,7 +41,10 @@ def private_files() -> Iterator[None]:
 
 
 def user_umask() -> int:
-    """The umask that the user has chosen, for programs that make files of theirs; -1: the same."""
+    """Return the umask that the user has chosen, for programs that make files of theirs.
+
+    -1: the same.
+    """
     return _replaced[0] if _replaced else -1
 
 
@@ -70,7 +73,7 @@ def temporary_folder(kind: str, parent: Path | None = None) -> Iterator[Path]:
 
 @functools.cache
 def process_folder(kind: str) -> Path:
-    """The same, for as long as this process lasts.
+    """Return the same, for as long as this process lasts.
 
     Raises:
         OSError: it cannot be made.
@@ -84,7 +87,7 @@ def process_folder(kind: str) -> Path:
 
 
 def _made(kind: str, parent: Path) -> tuple[Path, int]:
-    """A new folder, and the descriptor by which it is locked.
+    """Return a new folder, and the descriptor by which it is locked.
 
     Another process may remove it before it is locked: then the next one is made.
     """
@@ -102,7 +105,7 @@ def _made(kind: str, parent: Path) -> tuple[Path, int]:
 
 
 def _locked(folder: Path, operation: int) -> int:
-    """The descriptor by which a folder of this user is locked.
+    """Return the descriptor by which a folder of this user is locked.
 
     Raises:
         FileNotFoundError: it was removed meanwhile.

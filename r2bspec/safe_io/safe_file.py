@@ -62,7 +62,7 @@ def unsaved_files(texts: Mapping[Path, str]) -> Iterator[None]:
 
 
 def unsaved_content(path: Path) -> bytes | None:
-    """The content of a file that is open and not saved; None for all others."""
+    """Return the content of a file that is open and not saved; None for all others."""
     texts = _TEXTS.get({})
     text = texts.get(path.resolve()) if texts else None
     return None if text is None else text.encode("utf-8", "surrogatepass")
@@ -130,7 +130,7 @@ def read_bytes(
     folders: Iterable[Path] | None = None,
     budget: ByteBudget | None = None,
 ) -> bytes:
-    """The content of a regular file, read once.
+    """Return the content of a regular file, read once.
 
     Args:
         path: as for `open_regular`.
@@ -168,7 +168,7 @@ def read_text(
     folders: Iterable[Path] | None = None,
     budget: ByteBudget | None = None,
 ) -> str:
-    """The content of a file in UTF-8; arguments and errors as for `read_bytes`.
+    """Return the content of a file in UTF-8; arguments and errors as for `read_bytes`.
 
     Raises:
         RefusedFileError: it is not UTF-8, or as `read_bytes`.
@@ -183,22 +183,22 @@ def read_text(
 
 
 def is_regular(path: Path) -> bool:
-    """Whether a path leads to a regular file; a name that no file can have does not."""
+    """Return whether a path leads to a regular file; a name that no file can have does not."""
     return stat.S_ISREG(_mode(path))
 
 
 def is_there(path: Path) -> bool:
-    """Whether a path leads to anything; a name that nothing can have does not."""
+    """Return whether a path leads to anything; a name that nothing can have does not."""
     return _mode(path) != 0
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a path leads to a folder; a name that no folder can have does not."""
+    """Return whether a path leads to a folder; a name that no folder can have does not."""
     return stat.S_ISDIR(_mode(path))
 
 
 def _mode(path: Path) -> int:
-    """The kind of what a path leads to, and who may use it; 0 if there is nothing."""
+    """Return the kind of what a path leads to, and who may use it; 0 if there is nothing."""
     note_lookup(path)
     try:
         return path.stat().st_mode
@@ -207,7 +207,7 @@ def _mode(path: Path) -> int:
 
 
 def names_in(folder: Path) -> list[str]:
-    """The names of everything in a folder, sorted.
+    """Return the names of everything in a folder, sorted.
 
     Raises:
         OSError: there is no such folder, or the system refuses.
@@ -217,7 +217,7 @@ def names_in(folder: Path) -> list[str]:
 
 
 def names_if_any(folder: Path) -> list[str]:
-    """The same; none if there is no such folder, or it cannot be read."""
+    """Return the same; none if there is no such folder, or it cannot be read."""
     try:
         return names_in(folder)
     except OSError:
@@ -259,7 +259,7 @@ def _check_place(place: int, folders: Iterable[Path] | None) -> None:
 
 
 def real_path(path: Path) -> Path:
-    """A path without links; as it is if it cannot be resolved."""
+    """Return a path without links; as it is if it cannot be resolved."""
     try:
         return path.resolve()
     except (OSError, ValueError, RuntimeError):

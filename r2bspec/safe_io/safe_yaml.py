@@ -54,7 +54,7 @@ def load_values(
     max_expanded: int = MAX_YAML_EXPANDED_VALUES,
     max_values: int = MAX_YAML_VALUES,
 ) -> Any:
-    """The values of a document, as YAML 1.1 resolves them; no object is made from a tag.
+    """Return the values of a document, as YAML 1.1 resolves them; no object is made from a tag.
 
     Raises:
         RefusedYamlError: it exceeds a limit, or has other tags than those of plain values.
@@ -65,7 +65,7 @@ def load_values(
 
 
 def load_texts(text: str, *, max_values: int = MAX_YAML_VALUES) -> Any:
-    """The document with every scalar as the text that is written: ``on`` and ``010`` stay.
+    """Return the document with every scalar as the text that is written: ``on`` and ``010`` stay.
 
     Raises:
         RefusedYamlError: it exceeds a limit.
@@ -153,7 +153,7 @@ def _check(text: str, loader: Any, limits: _Limits) -> None:
 
 
 def _events(text: str, loader: Any, limits: _Limits) -> Iterator[Any]:
-    """The events of the parser, whose own limit of nesting is refused as ours is."""
+    """Yield the events of the parser, whose own limit of nesting is refused as ours is."""
     try:
         yield from yaml.parse(text, Loader=loader)
     except yaml.scanner.ScannerError as error:

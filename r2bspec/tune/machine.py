@@ -249,7 +249,7 @@ class RealMachine:
 
 
 def _proof_of(result: Result, name: str) -> Proof:
-    """What a result shows of the requirements of the spec."""
+    """Return what a result shows of the requirements of the spec."""
     verdict = result.verdict
     if not verdict.is_judged:
         return Proof(run=name, reason=f"Nothing was judged: {verdict.reason}")
@@ -263,19 +263,19 @@ def _proof_of(result: Result, name: str) -> Proof:
 
 
 def _is_met(one: RequirementVerdict) -> bool:
-    """Whether a requirement is met, or does not count."""
+    """Return whether a requirement is met, or does not count."""
     return one.outcome == "pass" or one.level != "error"
 
 
 def _within(plan: Plan, limit_s: float) -> Plan:
-    """The plan of a proof, which ends in time, and of which no failure is confirmed."""
+    """Return the plan of a proof, which ends in time, and of which no failure is confirmed."""
     budget_ns = max(1, int(limit_s * 1e9))
     gate = msgspec.structs.replace(plan.gate, confirm=False, time_budget_ns=budget_ns)
     return msgspec.structs.replace(without_overhead(plan), gate=gate)
 
 
 def _furthest_miss(verdict: Verdict, plan: Plan) -> tuple[float, str]:
-    """The excess of the requirement that is missed most, and its text if it is missed."""
+    """Return the excess of the requirement that is missed most, and its text if it is missed."""
     written = {
         (name, requirement.text): requirement
         for name, objective in plan.objectives.items()

@@ -176,7 +176,7 @@ class Search:
         return Found("not met", f"None of {count} meets the objectives; the nearest is {why}")
 
     def _claim(self, winner: Combination, proof: Proof, today: Trial) -> Found:
-        """What the proof shows."""
+        """Return what the proof shows."""
         if not proof.meets:
             return Found("not shown", proof.reason, winner, proof)
         if proof.gains and proof.ratio is not None:
@@ -188,7 +188,7 @@ class Search:
         return Found("not shown", "The pairs do not show that it costs less.", winner, proof)
 
     def _has_time(self) -> bool:
-        """Whether there is time for a trial beside what is kept for race and proof."""
+        """Return whether there is time for a trial beside what is kept for race and proof."""
         runs = sum(_RACE) + 2 * self._limits.pairs
         kept_s = min(self._limits.budget_s / 2, runs * self._longest_s)
         return self._left_s() >= kept_s + self._longest_s

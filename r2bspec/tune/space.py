@@ -49,7 +49,7 @@ class Space:
         return (0,) * len(self.values)
 
     def changes(self, combination: Combination) -> dict[str, Any]:
-        """The values that differ from the spec, by path."""
+        """Return the values that differ from the spec, by path."""
         return {
             path: values[place - 1]
             for (path, values), place in zip(self.values.items(), combination, strict=True)
@@ -57,7 +57,7 @@ class Space:
         }
 
     def single_changes(self) -> list[Combination]:
-        """Every listed value alone: the first of each path before the second of any."""
+        """Return every listed value alone: the first of each path before the second of any."""
         return [
             tuple(place if path == changed else 0 for path in range(len(self.sizes)))
             for place in range(1, max(self.sizes, default=1))
@@ -67,7 +67,7 @@ class Space:
 
 
 def assignments(changes: Mapping[str, Any]) -> list[str]:
-    """The changes as ``--set`` takes them."""
+    """Return the changes as ``--set`` takes them."""
     return [f"{path}={json.dumps(value, ensure_ascii=False)}" for path, value in changes.items()]
 
 

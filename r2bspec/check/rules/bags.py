@@ -87,7 +87,7 @@ def window_outside_bag(context: Context) -> Findings:
 
 
 def _duration_ns(context: Context) -> int:
-    """The latest end of a window: a rendered sequence lasts longer than its last message."""
+    """Return the latest end of a window: a rendered sequence lasts longer than its last message."""
     if context.is_rendered:
         return DURATION_NS
     return context.bag.duration_ns if context.bag is not None else 0
@@ -195,7 +195,7 @@ def buffer_larger_than_data(context: Context) -> Findings:
 
 
 def _counts_by_input(context: Context) -> dict[str, MessageCount]:
-    """The maximum number of messages of each playback input.
+    """Return the maximum number of messages of each playback input.
 
     Preprocessors are assumed to publish at most one message for each loaded one.
     """

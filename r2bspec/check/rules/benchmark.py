@@ -108,7 +108,7 @@ def rate_not_played(context: Context) -> Findings:
 
 
 def _needs_playing(objective: Objective) -> bool:
-    """Whether any requirement is about iterations; a sustained rate has its own probe."""
+    """Return whether any requirement is about iterations; a sustained rate has its own probe."""
     return any(
         (info := listed().get(requirement.metric)) is None
         or info.statistic not in {"sequential", "search"}
@@ -231,7 +231,10 @@ def too_few_messages(context: Context) -> Findings:
 
 
 def _monitors_of(metric: KnownMetric, context: Context) -> list[Monitor]:
-    """The monitors of which a metric is required; none if it is of a call, or of another scope."""
+    """Return the monitors of which a metric is required.
+
+    None if it is of a call, or of another scope.
+    """
     if metric.info.scope is not Scope.MONITOR:
         return []
     monitors = context.spec.monitors
@@ -239,7 +242,7 @@ def _monitors_of(metric: KnownMetric, context: Context) -> list[Monitor]:
 
 
 def _last_confidence(context: Context, confidence: float) -> float:
-    """The confidence of a decision after all iterations, at the last interim look."""
+    """Return the confidence of a decision after all iterations, at the last interim look."""
     spec = context.spec
     looks = InterimLooks.planned(
         spec.benchmark.iterations, spec.starts, spec.benchmark.max_iterations

@@ -77,7 +77,7 @@ class _TightestBounds(msgspec.Struct):
     upper: tuple[_Limit, KnownMetric] | None = None
 
     def contradicted(self, low: _Limit, high: _Limit) -> KnownMetric | None:
-        """A bound that no value between these limits meets."""
+        """Return a bound that no value between these limits meets."""
         if self.lower is not None and _is_empty(self.lower[0], high):
             return self.lower[1]
         if self.upper is not None and _is_empty(low, self.upper[0]):
@@ -180,12 +180,12 @@ def _most_hz(context: Context, metric: KnownMetric) -> float | None:
 
 
 def _is_empty(low: _Limit, high: _Limit) -> bool:
-    """Whether no value is between two limits."""
+    """Return whether no value is between two limits."""
     return low[0] > high[0] or (low[0] == high[0] and (low[1] or high[1]))
 
 
 def _limits(op: str | None, value: float) -> tuple[_Limit, _Limit]:
-    """The limits of the values that meet a bound."""
+    """Return the limits of the values that meet a bound."""
     low = (value, op == ">") if op in {">", ">=", "=="} else (-math.inf, False)
     high = (value, op == "<") if op in {"<", "<=", "=="} else (math.inf, False)
     return low, high

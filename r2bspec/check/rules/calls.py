@@ -35,7 +35,7 @@ class StatedCall(NamedTuple):
 
 
 def stated_calls(spec: Spec) -> Iterator[StatedCall]:
-    """Every service and action that a spec calls."""
+    """Yield every service and action that a spec calls."""
     for name, call in spec.playback.calls.items():
         top: Path = ("playback", "calls", name)
         each = tuple(((*top, "each", index), fields) for index, fields in enumerate(call.each))
@@ -109,7 +109,10 @@ def requests_not_recorded(context: Context) -> Findings:
 
 
 def _recording_mistake(context: Context, call: Call, info: TopicInfo) -> tuple[str, str] | None:
-    """What is wrong with a topic as the source of requests, and what to do; None if it is one."""
+    """Return what is wrong with a topic as the source of requests, and what to do.
+
+    None if it is one.
+    """
     if not info.name.endswith(SERVICE_EVENT):
         events = (
             [name for name in context.bag.topics if name.endswith(SERVICE_EVENT)]

@@ -40,7 +40,10 @@ def clock_without_publisher(context: Context) -> Findings:
 
 
 def _clock_setting(context: Context, node: NodeWiring) -> tuple[Path, bool] | None:
-    """Where a node is told to use /clock, and whether the key is meant; None if it is not."""
+    """Return where a node is told to use /clock, and whether the key is meant.
+
+    None if it is not.
+    """
     if node.parameters.get(_CLOCK_PARAMETER) is True:
         path = context.parameter_path(node, _CLOCK_PARAMETER)
         return (path, False) if path is not None else ((*node.path, "parameters"), True)

@@ -31,7 +31,7 @@ def metric_unknown(context: Context) -> Findings:
 
 
 def _declaration(suggestion: str, written: str, context: Context) -> tuple[Pointer, ...]:
-    """The declaration of the suggested monitor."""
+    """Return the declaration of the suggested monitor."""
     monitor = suggestion.partition(".")[0]
     if monitor not in context.spec.outputs or written.lstrip().startswith(f"{monitor}."):
         return ()
@@ -222,7 +222,7 @@ def _listed(has: Callable[[Metric], bool]) -> str:
 
 
 def _headerless_monitor(context: Context, metric: KnownMetric) -> str:
-    """A monitor with a latency requirement whose messages are known to have no header."""
+    """Return a monitor with a latency requirement whose messages are known to have no header."""
     monitors = context.spec.outputs
     monitor_names = monitors if metric.monitor is None else [metric.monitor]
     return next(

@@ -75,7 +75,7 @@ def inputs_without_stamp(context: Context) -> Findings:
 
 
 def _any_stamp(context: Context) -> bool:
-    """Whether the player stamps messages of any input, as far as their types are known."""
+    """Return whether the player stamps messages of any input, as far as their types are known."""
     inputs = context.spec.playback.played.values()
     return not inputs or any(
         played.timestamp == "header" and begins_with_header(played.format) is not False

@@ -79,7 +79,7 @@ def parameter_type_mismatch(context: Context) -> Findings:
 
 
 def _with_source(context: Context, node: NodeWiring, finding: Finding) -> Finding:
-    """The finding, as certain as what is known of the parameters of the node."""
+    """Return the finding, as certain as what is known of the parameters of the node."""
     source = node.interface.parameters_from
     finding = with_record(context, finding, (node, source))
     return as_version_warning(node.interface, finding) if source == "catalogue" else finding
@@ -230,7 +230,10 @@ _TYPES: tuple[tuple[type, ParameterType, ParameterType], ...] = (
 
 
 def parameter_type(value: ParameterValue) -> ParameterType | None:
-    """The ROS type of a value; None if it has none, as a list of different types or with a null."""
+    """Return the ROS type of a value.
+
+    None if it has none, as a list of different types or with a null.
+    """
     if not isinstance(value, list):
         return next((name for kind, name, _ in _TYPES if isinstance(value, kind)), None)
     types = {parameter_type(item) if not isinstance(item, list) else None for item in value}
@@ -255,7 +258,7 @@ class ParameterOverride(msgspec.Struct, frozen=True):
 
 
 def parameter_overrides(context: Context, node: NodeWiring) -> Iterator[ParameterOverride]:
-    """The effective parameters of a node, each with the place that sets it."""
+    """Yield the effective parameters of a node, each with the place that sets it."""
     files = [
         (path, name, file) for path, name, file in parameter_files(context, node) if file.names
     ]
@@ -275,7 +278,7 @@ def parameter_overrides(context: Context, node: NodeWiring) -> Iterator[Paramete
 def parameter_files(
     context: Context, node: NodeWiring
 ) -> Iterator[tuple[Path, str, ParameterFile]]:
-    """The parameter files of a node, each with its path in the spec and its name there."""
+    """Yield the parameter files of a node, each with its path in the spec and its name there."""
     place: Path = (*node.path, "parameters")
     listed = isinstance(context.value_at(place), ListNode)
     for index, source in enumerate(node.node.parameter_sources):
@@ -310,7 +313,7 @@ def remapping_unmatched(context: Context) -> Findings:
 
 
 def _remappable(node: NodeWiring) -> frozenset[str] | None:
-    """The full names that a remapping of a node may have; None if they are not all known."""
+    """Return the full names that a remapping of a node may have; None if they are not all known."""
     topics = node.interface.topics
     if topics is None or node.node.kind.names_own_nodes or not node.node.remappings:
         return None
@@ -321,7 +324,9 @@ def _remappable(node: NodeWiring) -> frozenset[str] | None:
 def _unmatched_finding(
     phase: str, node: NodeWiring, remapping: tuple[str, str], close: str, used: Mapping[str, str]
 ) -> Finding:
-    """What is said of a remapping; `used` are the topics of the node, by their names in its code.
+    """Return what is said of a remapping.
+
+    `used` are the topics of the node, by their names in its code.
 
     Without a close name, any of them may be used instead of the intended one.
     """

@@ -67,7 +67,7 @@ def node_name_duplicate(context: Context) -> Findings:
 
 
 def _generated_nodes(phase: PhaseWiring) -> Iterator[tuple[str, tuple[str, Path]]]:
-    """The nodes that a plan adds to those of the spec: the containers."""
+    """Yield the nodes that a plan adds to those of the spec: the containers."""
     for node in phase.nodes:
         if node.node.kind.role == "container" and not node.node.container:
             yield f"{node.name}_container", (f"the container of {node.key}", node.path)
@@ -168,7 +168,7 @@ def process_setting_without_effect(context: Context) -> Findings:
 
 
 def _is_placed_with_others(context: Context, node: NodeWiring) -> bool:
-    """Whether a node shares a process by its placement.
+    """Return whether a node shares a process by its placement.
 
     The language refuses settings of a process, and `env`, for a node in a container.
     """
@@ -249,7 +249,7 @@ def harness_place_unknown(context: Context) -> Findings:
 
 
 def _place_words(place: PartPlacement) -> tuple[str, str, str]:
-    """The part of the harness, its key, and what the process does in which it belongs."""
+    """Return the part of the harness, its key, and what the process does in which it belongs."""
     if place.path == ("harness",):
         return "the player", "harness.in", "read the inputs"
     return f"monitor {quote(place.part)}", f"monitors.{place.part}.in", "publish its topic"

@@ -332,7 +332,7 @@ def _unplayed(context: Context, inputs: Sequence[_StepInput]) -> list[UnplayedMe
 def _by_counts(
     context: Context, bag_topics: dict[str, str], slop_ns: int
 ) -> list[UnplayedMessages]:
-    """An input with more messages than another has at least so many without a partner."""
+    """Return an input with more messages than another has at least so many without a partner."""
     counts = window_message_counts(context)
     if not all(topic in counts and counts[topic].exact for topic in bag_topics.values()):
         return []

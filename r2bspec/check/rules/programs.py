@@ -94,7 +94,7 @@ def program_not_found(context: Context) -> Findings:
 
 
 def _programs(context: Context) -> Iterator[tuple[Path, str, FilePath]]:
-    """Every program of the spec: its location, its name, and its working directory."""
+    """Yield every program of the spec: its location, its name, and its working directory."""
     spec, base_dir = context.spec, context.loaded.base_dir
     for _, node in context.nodes:
         for key, command in (("command", node.node.command), ("prefix", node.node.prefix)):
@@ -137,7 +137,10 @@ def package_not_found(context: Context) -> Findings:
 
 
 def _source_help(context: Context, path: Path, package: str) -> str:
-    """How to run a script of a package that is not built from its source; empty without one."""
+    """Return how to run a script of a package that is not built from its source.
+
+    Empty without one.
+    """
     node = next((node.node for _, node in context.nodes if node.path == path[:-1]), None)
     base_dir = context.loaded.base_dir
     if node is None or not node.executable:
@@ -163,7 +166,7 @@ def _package_help(package: str, installed: frozenset[str]) -> str:
 
 
 def _requested_packages(context: Context) -> Iterator[tuple[Path, str]]:
-    """Every ROS package of the spec: its location and its name."""
+    """Yield every ROS package of the spec: its location and its name."""
     for _, node in context.nodes:
         if node.node.package:
             yield (*node.path, "package"), node.node.package
@@ -178,7 +181,7 @@ def _requested_packages(context: Context) -> Iterator[tuple[Path, str]]:
 
 
 def _missing_share(file: str) -> str:
-    """The package in whose share folder an absolute path is, if there is no such folder."""
+    """Return the package in whose share folder an absolute path is, if there is no such folder."""
     before, _, after = file.partition("/share/")
     package, slash, _ = after.partition("/")
     is_missing = slash and not is_folder(FilePath(before, "share", package))
@@ -263,7 +266,7 @@ def python_module_not_found(context: Context) -> Findings:
 
 
 def _python_targets(context: Context) -> Iterator[tuple[Path, installed_packages.PythonTarget]]:
-    """The path of each Python node in the spec, and what it names."""
+    """Yield the path of each Python node in the spec, and what it names."""
     for _, node in context.nodes:
         if node.node.python:
             target = installed_packages.python_target(node.node.python, context.loaded.base_dir)
@@ -379,7 +382,7 @@ def python_name_not_found(context: Context) -> Findings:
 
 
 def _defined_names(target: installed_packages.PythonTarget) -> frozenset[str] | None:
-    """The names of a file or module; None if they cannot be determined."""
+    """Return the names of a file or module; None if they cannot be determined."""
     if target.module == _REFERENCE_NODES:
         return frozenset(
             name.rpartition(".")[2] for name in node_interface.reference_node_interfaces()
@@ -396,7 +399,7 @@ def _defined_names(target: installed_packages.PythonTarget) -> frozenset[str] | 
 
 
 def _public(names: frozenset[str]) -> list[str]:
-    """The names that are likely to be nodes."""
+    """Return the names that are likely to be nodes."""
     return [name for name in names if name[:1].isupper()] or [
         name for name in names if not name.startswith("_")
     ]

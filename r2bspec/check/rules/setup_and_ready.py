@@ -65,7 +65,10 @@ def lifecycle_node_not_activated(context: Context) -> Findings:
 
 
 def _may_manage(node: NodeWiring) -> bool:
-    """Whether a node may change the states of others; what a source says of topics is no answer."""
+    """Return whether a node may change the states of others.
+
+    What a source says of topics is no answer.
+    """
     return not (node.interface.is_lifecycle or node.interface.publishes_from == "table")
 
 

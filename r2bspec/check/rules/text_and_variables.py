@@ -53,7 +53,7 @@ def _plain_strings(
 
 
 def _yaml_1_1_value(text: str) -> tuple[str, str] | None:
-    """The meaning in YAML 1.1, and how to write it in YAML 1.2; None if it is the same."""
+    """Return the meaning in YAML 1.1, and how to write it in YAML 1.2; None if it is the same."""
     if text.lower() in _BOOLEAN_WORDS and text in {text.lower(), text.upper(), text.capitalize()}:
         return "a boolean", "true" if text.lower() in _TRUE_WORDS else "false"
     if _OCTAL.fullmatch(text):

@@ -49,7 +49,7 @@ def private_topic_without_node(context: Context) -> Findings:
 
 
 def _private_topics(context: Context, phase: str) -> list[str]:
-    """The topics of a phase under the name of one of its nodes."""
+    """Return the topics of a phase under the name of one of its nodes."""
     return [
         topic
         for wiring in context.wiring.phases
@@ -133,14 +133,14 @@ class _UnpublishedTopic:
         return self.candidates.get(did_you_mean(self.topic_name, self.candidates), "")
 
     def type_matches(self, topic: str) -> bool:
-        """Whether a topic has the type of the subscription, or an unknown one."""
+        """Return whether a topic has the type of the subscription, or an unknown one."""
         return any(
             publisher.type in {self.subscription.type, ""}
             for publisher in self.phase.publishers(topic)
         )
 
     def finding(self) -> Finding:
-        """What is said of it."""
+        """Return what is said of it."""
         phase, subscription = self.phase, self.subscription
         unknown = [node.key for node in phase.possible_publishers]
         state = _way_to_state(phase.possible_publishers)
@@ -159,13 +159,13 @@ class _UnpublishedTopic:
         )
 
     def sources(self) -> Iterator[tuple[NodeWiring, InterfaceSource]]:
-        """The sources of it: that the node subscribes, and that the others do not publish."""
+        """Yield the sources of it: that the node subscribes, and that the others do not publish."""
         for node in self.phase.nodes:
             own = node is self.node
             yield node, node.interface.subscribes_from if own else node.interface.publishes_from
 
     def _topic_text(self) -> str:
-        """The topic and its subscriber."""
+        """Return the topic and its subscriber."""
         subscription, node = self.subscription, self.node
         subscriber = node.key if node is not None else f"monitor {subscription.monitor}"
         text = f"{quote(self.topic_name)}, to which {subscriber} subscribes"
@@ -208,7 +208,10 @@ class _UnpublishedTopic:
 
 
 def _way_to_state(unknown: tuple[NodeWiring, ...]) -> str:
-    """How the unknown publishers of nodes can be stated; empty if there are no such nodes."""
+    """Return how the unknown publishers of nodes can be stated.
+
+    Empty if there are no such nodes.
+    """
     if not unknown:
         return ""
     names = quoted_list(node.key for node in unknown)
@@ -315,7 +318,7 @@ def absolute_name_outside_namespace(context: Context) -> Findings:
 
 
 def _absolute_names(context: Context) -> Iterator[tuple[str, Path, bool]]:
-    """Every absolute name that receives messages: name, path, whether it is a key."""
+    """Yield every absolute name that receives messages: name, path, whether it is a key."""
     spec = context.spec
     for bag_topic, target in spec.data_loader.topics.items():
         if target.startswith("/"):

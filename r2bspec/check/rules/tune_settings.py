@@ -51,7 +51,7 @@ def tune_value_invalid(context: Context) -> Findings:
 def _path_problem(
     root: TreeNode | None, path: Path, others: Sequence[Path]
 ) -> tuple[str, str] | None:
-    """Why a path cannot be varied, and what to write instead; None if it can be."""
+    """Return why a path cannot be varied, and what to write instead; None if it can be."""
     if path[:1] not in _SECTIONS or path in _WHOLE_SECTIONS:
         help_text = "write one such as graph.nodes.NODE.threads: others change what is measured"
         return "is not the path of a key of the graph, a container or the transport", help_text

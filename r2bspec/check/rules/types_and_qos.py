@@ -61,7 +61,7 @@ def message_type_unknown(context: Context) -> Findings:
 
 
 def _stated_types(context: Context) -> dict[Path, str]:
-    """Every message type that the spec states, by its path."""
+    """Return every message type that the spec states, by its path."""
     endpoints = (endpoint for phase in context.wiring.phases for endpoint in phase.endpoints)
     return {
         endpoint.type_path: endpoint.type
@@ -182,7 +182,10 @@ def qos_incompatible(context: Context) -> Findings:
 def _incompatibility(
     publisher: WiredEndpoint, subscription: WiredEndpoint
 ) -> tuple[str, str, str] | None:
-    """The requested value, the offered value and the QoS field; None if they are compatible."""
+    """Return the requested value, the offered value and the QoS field.
+
+    None if they are compatible.
+    """
     if publisher.qos is None or subscription.qos is None:
         return None
     if subscription.qos.reliability == "reliable" and publisher.qos.reliability == "best_effort":

@@ -109,7 +109,7 @@ class GraphJoins:
         self._connected: dict[tuple[int, str], socket.socket] = {}
 
     def environment(self, process: str, environment: dict[str, str]) -> dict[str, str]:
-        """The environment of a process that gets parts."""
+        """Return the environment of a process that gets parts."""
         preloaded = environment.get("LD_PRELOAD", "")
         return environment | join_environment(self._preload, self._path, process, preloaded)
 
@@ -303,7 +303,7 @@ def has_loaded_ros(pids: Iterable[int]) -> bool:
 
 
 def is_target_process(hello: Hello, program: str) -> bool:
-    """Whether a process that asks is the node, and no wrapper that will start it.
+    """Return whether a process that asks is the node, and no wrapper that will start it.
 
     Args:
         hello: what it says of itself.
@@ -316,7 +316,7 @@ def is_target_process(hello: Hello, program: str) -> bool:
 
 
 def program_name(hello: Hello) -> str:
-    """The name by which `is_target_process` finds a program: its node's, or its own."""
+    """Return the name by which `is_target_process` finds a program: its node's, or its own."""
     for word in hello.arguments:
         if word.startswith("__node:="):
             return word.removeprefix("__node:=")
@@ -381,7 +381,10 @@ class HarnessProcesses:
         return self._harness_process().parts[part]
 
     def node_hosts(self) -> list[tuple[ManagedProcess, ProcessPlan]]:
-        """The common process of the parts, with its plan, if nodes run in it; else nothing."""
+        """Return the common process of the parts, with its plan, if nodes run in it.
+
+        Else nothing.
+        """
         plan = self._plans.get("harness")
         return [(self._harness_process(), plan)] if plan is not None and plan.nodes else []
 

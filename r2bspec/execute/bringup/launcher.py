@@ -347,7 +347,7 @@ class Launcher:
         return {(difference.owner, difference.name) for difference in self.differences}
 
     def has_created(self, owner: str) -> bool:
-        """Whether a node, or every node if it is unknown, has all of its endpoints.
+        """Return whether a node, or every node if it is unknown, has all of its endpoints.
 
         A node that cannot be queried may still create one.
         """
@@ -497,7 +497,7 @@ class Launcher:
         self._supervisor.end([child])
 
     def call_settings(self, plan: Plan, **where: Any) -> protocol.ConfigureCalls:
-        """What a process that calls services is told.
+        """Return what a process that calls services is told.
 
         Args:
             plan: of the run.
@@ -537,6 +537,6 @@ class Launcher:
 
 
 def message_packages(plan: Plan) -> tuple[str, ...]:
-    """The packages of all messages that a plan names."""
+    """Return the packages of all messages that a plan names."""
     types = (topic.type for topic in plan.topics)
     return tuple(sorted({type_.partition("/")[0] for type_ in types if type_}))

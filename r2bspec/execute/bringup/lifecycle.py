@@ -89,7 +89,7 @@ class LifecycleNodes:
     def _wait_for(
         self, wanted: dict[str, LifecycleState], deadline: StartDeadline
     ) -> dict[str, str]:
-        """The states of nodes, once all of them have been discovered.
+        """Return the states of nodes, once all of them have been discovered.
 
         Raises:
             GraphDifferencesError: a node has no states.
@@ -185,7 +185,7 @@ class LifecycleNodes:
         )
 
     def never_active(self, missing: Collection[str]) -> frozenset[str]:
-        """The topics that lack endpoints of nodes that nothing in the graph can activate.
+        """Return the topics that lack endpoints of nodes that nothing in the graph can activate.
 
         Raises:
             RunError: the observer does not answer.
@@ -195,7 +195,7 @@ class LifecycleNodes:
         return frozenset(missing) if certain and not self._has_unknown_programs() else frozenset()
 
     def _has_unknown_programs(self) -> bool:
-        """Whether a program may be there to change states, although it has no client now."""
+        """Return whether a program may be there to change states, although it has no client now."""
         return any(each.phase == self.phase for each in self.plan.external) or any(
             not has_planned_name(process, node)
             for process in self._processes()
@@ -245,7 +245,7 @@ class WaitingNode(NamedTuple):
 def _not_activated(
     name: str, state: str, managers: Collection[str], own: Collection[str]
 ) -> Difference:
-    """A lifecycle node that is not active, and of which the spec does not say so.
+    """Return a lifecycle node that is not active, and of which the spec does not say so.
 
     Args:
         name: its full name.

@@ -75,7 +75,7 @@ class Fault(msgspec.Struct, frozen=True):
 
 
 def component_fault(node: NodePlan, reason: str) -> Fault:
-    """What the answer of a container says, as rclcpp_components writes it.
+    """Return what the answer of a container says, as rclcpp_components writes it.
 
     Args:
         node: a component.
@@ -116,7 +116,7 @@ def _unknown_package(package: str) -> Fault:
 
 
 def exception_fault(what: str, otherwise: str) -> Fault:
-    """What the text of an exception in a constructor says.
+    """Return what the text of an exception in a constructor says.
 
     Args:
         what: the text.
@@ -161,7 +161,7 @@ def _refused(name: str, reason: str) -> Fault:
 
 
 def not_loaded(node: NodePlan, container: str, reason: str, output: str) -> GraphDifferencesError:
-    """The error for a component that its container has refused.
+    """Return the error for a component that its container has refused.
 
     Args:
         node: the component.
@@ -175,7 +175,7 @@ def not_loaded(node: NodePlan, container: str, reason: str, output: str) -> Grap
 
 
 def not_created(died: ProcessDiedError, nodes: Iterable[NodePlan]) -> GraphDifferencesError | None:
-    """The error for a process that an exception has ended before its node was complete.
+    """Return the error for a process that an exception has ended before its node was complete.
 
     None if it ended for another reason, or has several nodes.
 
@@ -200,7 +200,7 @@ def not_created(died: ProcessDiedError, nodes: Iterable[NodePlan]) -> GraphDiffe
 
 
 def not_made(failed: ProcessFailedError, nodes: Iterable[NodePlan]) -> GraphDifferencesError | None:
-    """The error for a Python node whose host says that it could not be created; else None.
+    """Return the error for a Python node whose host says that it could not be created; else None.
 
     Args:
         failed: what the host says.
@@ -279,7 +279,7 @@ def require_declared_parameters(ready: protocol.Ready) -> None:
 
 
 def undeclared_parameter(node: str, name: str, known: Sequence[str]) -> Difference:
-    """A parameter that a node does not declare.
+    """Return a parameter that a node does not declare.
 
     Args:
         node: full name.
@@ -348,7 +348,7 @@ def unmatched_remappings(ready: protocol.Ready) -> Iterator[Difference]:
 
 
 def unmatched_remapping(node: str, before: str, after: str, own: Iterable[str]) -> Difference:
-    """A remapping that changed no name.
+    """Return a remapping that changed no name.
 
     Args:
         node: full name.
@@ -405,14 +405,17 @@ def find_unmatched(
 
 
 def _matches(rule: RemappedTopic, found: Mapping[str, Collection[str]]) -> bool:
-    """Whether a node has a name that a rule has made; those of an action begin with the target."""
+    """Return whether a node has a name that a rule has made.
+
+    Those of an action begin with the target.
+    """
     return any(
         name == rule.topic or name.startswith(f"{rule.topic}/") for name in found.get(rule.node, ())
     )
 
 
 def spins_nodes(process: ProcessPlan, programs: Collection[str]) -> bool:
-    """Whether a process of r2bspec spins its nodes, and has asked them itself."""
+    """Return whether a process of r2bspec spins its nodes, and has asked them itself."""
     return process.role not in {"container", "command"} and process.name not in programs
 
 
@@ -422,7 +425,7 @@ def find_undeclared(
     programs: Collection[str],
     supervisor: ProcessSupervisor,
 ) -> tuple[Difference, ...]:
-    """The parameters that no node declares, although its process has responded.
+    """Return the parameters that no node declares, although its process has responded.
 
     Only what is certainly a typing error is not harmless: a lifecycle node may declare parameters
     when it is configured, and a parameter file may be for several nodes.
@@ -462,14 +465,16 @@ def find_undeclared(
 
 
 def _own_parameters(node: NodePlan) -> Iterator[str]:
-    """The parameters that the plan sets, without those that every node declares."""
+    """Return the parameters that the plan sets, without those that every node declares."""
     return (name for name in node.parameters if not is_node_parameter(name))
 
 
 def undeclared(
     expected: Iterable[tuple[NodePlan, bool]], found: protocol.ParameterLists
 ) -> Iterator[Difference]:
-    """The parameters that are not declared; none for a process of which no node has responded.
+    """Yield the parameters that are not declared.
+
+    None for a process of which no node has responded.
 
     Args:
         expected: nodes, and whether each runs by its name in the plan; other processes may have

@@ -73,7 +73,7 @@ class IdleTime:
         return now - self._idle_since
 
     def _total_busy_s(self) -> float:
-        """How long the processes have run, or waited for a processor, in seconds."""
+        """Return how long the processes have run, or waited for a processor, in seconds."""
         pids = [*self._pids()]
         total_s = 0.0
         for pid in pids:
@@ -118,7 +118,7 @@ class IdleNodes:
         return self._idle.update()
 
     def answer(self) -> bool:
-        """Whether the executor of every node answers; never for nodes that cannot be asked.
+        """Return whether the executor of every node answers; never for nodes that cannot be asked.
 
         Raises:
             RunError: the observer does not respond.
@@ -136,7 +136,7 @@ class IdleNodes:
 
 
 def all_answer(processes: Iterable[ProcessPlan], found: protocol.ParameterLists) -> bool:
-    """Whether every planned node is among those that have answered.
+    """Return whether every planned node is among those that have answered.
 
     A program may name its nodes itself: for each such process, one more node has to answer than
     the plan names. Containers have a node of their own. A lifecycle node may wait for its
@@ -161,7 +161,7 @@ def all_answer(processes: Iterable[ProcessPlan], found: protocol.ParameterLists)
 
 
 def starts_others(process: ProcessPlan) -> bool:
-    """Whether a process starts others, which a launch file may do with a delay."""
+    """Return whether a process starts others, which a launch file may do with a delay."""
     return INCLUDED_LAUNCH in process.argv or "launch" in process.argv[:2]
 
 
@@ -330,7 +330,7 @@ class LogSearch:
         self._last_line = b""
 
     def finds(self, deadline: float) -> bool:
-        """Whether a line has it; at the deadline what is left is not read."""
+        """Return whether a line has it; at the deadline what is left is not read."""
         try:
             with self._log.open("rb") as stream:
                 if stream.seek(0, os.SEEK_END) < self._at:  # the log was cut

@@ -78,7 +78,7 @@ class PhaseGraph:
     def not_ready_error(
         self, missing: Mapping[str, tuple[int, int]], certain: Collection[str], stalled_s: float
     ) -> RunError:
-        """The error that names the first fault on each path.
+        """Return the error that names the first fault on each path.
 
         Args:
             missing: the topics, with the matches that they have and need.
@@ -176,7 +176,7 @@ class PhaseGraph:
         )
 
     def _is_permanent(self, fault: Difference) -> bool:
-        """Whether a fault persists, so that neither a longer wait nor another attempt helps.
+        """Return whether a fault persists, so that neither a longer wait nor another attempt helps.
 
         A mismatch of two existing endpoints persists. A missing endpoint persists once its node
         has been created; nodes of others, which may own it, may still create it.
@@ -223,7 +223,7 @@ class PhaseGraph:
         self.launcher.differences += find_unmatched(rules, self.supervisor)
 
     def remapped_topics(self) -> tuple[RemappedTopic, ...]:
-        """The topics to which the plan remaps the names of nodes."""
+        """Return the topics to which the plan remaps the names of nodes."""
         return tuple(
             RemappedTopic(
                 node.name,
@@ -251,7 +251,7 @@ class PhaseGraph:
 
 
 def faults_of(facts: GraphFacts, missing: Iterable[str]) -> tuple[Difference, ...]:
-    """The faults of topics whose endpoints are not matched, inputs or not."""
+    """Return the faults of topics whose endpoints are not matched, inputs or not."""
     inputs = [topic for topic in missing if topic in facts.inputs]
     return first_fault.find_faults(
         facts, [topic for topic in missing if topic not in inputs], inputs
@@ -263,7 +263,7 @@ def graph_mismatches(
     launch_differences: Iterable[Difference],
     is_permanent: Callable[[Difference], bool] = lambda _: True,
 ) -> tuple[Difference, ...]:
-    """The differences between the graph and the plan, causes before consequences.
+    """Return the differences between the graph and the plan, causes before consequences.
 
     A remapping that changed no name is the cause of a fault on the topic that it names; that fault
     is then not reported separately.
@@ -330,7 +330,7 @@ class EarlyDiagnosis:
         self._unchanged_since = self._next = self.clock() + _LOOK_S
 
     def certain(self, missing: Collection[str]) -> frozenset[str]:
-        """The missing topics that will never be matched; mostly, and at first, none.
+        """Return the missing topics that will never be matched; mostly, and at first, none.
 
         Raises:
             RunError: the observing process does not answer.

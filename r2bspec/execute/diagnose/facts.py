@@ -112,7 +112,7 @@ class GraphFacts:
     nodes: frozenset[str] = frozenset()
 
     def topic(self, name: str) -> TopicFacts:
-        """A topic by its name; one of which nothing is known has no endpoints."""
+        """Return a topic by its name; one of which nothing is known has no endpoints."""
         return self.topics.get(name, TopicFacts(name))
 
     @property
@@ -126,15 +126,18 @@ class GraphFacts:
         )
 
     def topics_subscribed_by(self, node: str) -> tuple[str, ...]:
-        """The topics to which a node subscribes, planned or discovered, sorted."""
+        """Return the topics to which a node subscribes, planned or discovered, sorted."""
         return tuple(sorted(name for name, t in self.topics.items() if node in t.all_subscribers))
 
     def topics_published_by(self, node: str) -> tuple[str, ...]:
-        """The topics on which a node has a publisher, sorted."""
+        """Return the topics on which a node has a publisher, sorted."""
         return tuple(sorted(name for name, t in self.topics.items() if node in t.publisher_nodes))
 
     def topics_of(self, node: str) -> tuple[str, ...]:
-        """The topics of a running node; if it is not found, of nodes that are not in the plan."""
+        """Return the topics of a running node.
+
+        If it is not found, of nodes that are not in the plan.
+        """
         by_node: dict[str, dict[str, None]] = {}
         for name, topic in sorted(self.topics.items()):
             for owner in (*topic.publisher_nodes, *topic.subscriber_nodes):
@@ -196,7 +199,7 @@ def gather_facts(
 
 
 def _plan_name(node: str) -> str:
-    """The name of a node in the plan: of a part of the harness its role."""
+    """Return the name of a node in the plan: of a part of the harness its role."""
     role = node.removeprefix("/r2bspec/")
     return role if role in HARNESS_PARTS else node
 
@@ -223,11 +226,11 @@ class GraphObserver:
     known: tuple[tuple[str, str, str, str], ...]
 
     def look(self) -> GraphFacts:
-        """The endpoints that discovery shows at this moment; there may be more."""
+        """Return the endpoints that discovery shows at this moment; there may be more."""
         return gather_facts(self.plan, self.phase, *self._discover())
 
     def observe(self) -> GraphFacts:
-        """The endpoints of every topic; nothing is played."""
+        """Return the endpoints of every topic; nothing is played."""
         return gather_facts(self.plan, self.phase, *self._wait_for_discovery())
 
     def trace(
@@ -277,7 +280,7 @@ class GraphObserver:
         return gather_facts(self.plan, self.phase, nodes, discovered, passed)
 
     def _wait_for_discovery(self) -> tuple[tuple[str, ...], protocol.Discovered]:
-        """The result of discovery when it no longer changes; at first it is incomplete."""
+        """Return the result of discovery when it no longer changes; at first it is incomplete."""
         deadline = time.monotonic() + _MAX_DISCOVERY_S
         nodes, discovered = self._discover()
         while time.monotonic() < deadline:
@@ -300,7 +303,7 @@ class GraphObserver:
         )
 
     def _discover(self) -> tuple[tuple[str, ...], protocol.Discovered]:
-        """The nodes and the endpoints that discovery shows now."""
+        """Return the nodes and the endpoints that discovery shows now."""
         graph = self.supervisor.ask_observer(protocol.ListGraph(), protocol.GraphSnapshot)
         planned = {topic.name for topic in self.plan.topics if topic.phase == self.phase}
         names = tuple(sorted({*planned, *graph.topics} - NODE_TOPICS))
@@ -339,13 +342,13 @@ def wait_for_quiet(
 
 
 def _endpoints(discovered: protocol.Discovered) -> list[tuple[str, str]]:
-    """All endpoints, sorted."""
+    """Return all endpoints, sorted."""
     both = (*discovered.writers.items(), *discovered.readers.items())
     return sorted((topic, repr(end)) for topic, ends in both for end in ends)
 
 
 def guarded_topics(plan: Plan) -> tuple[str, ...]:
-    """The topics on which only processes of the run may publish: what is played and watched.
+    """Return the topics on which only processes of the run may publish: what is played and watched.
 
     None where nodes of others take part, or a process loads another middleware than the observer,
     so that it cannot be known by its identifiers.

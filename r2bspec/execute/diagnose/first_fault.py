@@ -36,7 +36,7 @@ NEVER_MATCHED: Final = frozenset({TYPES_DIFFER, QOS_DIFFERS})
 
 
 def _fault(code: str, topic: str, owner: str, message: str, instead: str = "") -> Difference:
-    """What is wrong on a topic.
+    """Return what is wrong on a topic.
 
     `owner` is a node or a part of the harness; empty if unknown. `instead` is the topic that has an
     endpoint which was probably meant for this one; empty without one.
@@ -62,7 +62,10 @@ def path_to(facts: GraphFacts, silent: str) -> tuple[str, ...]:
 
 
 def full_path(facts: GraphFacts, silent: str) -> tuple[str, ...]:
-    """The path to a topic without messages; if unknown, also all topics that inputs reach."""
+    """Return the path to a topic without messages.
+
+    If unknown, also all topics that inputs reach.
+    """
     path = path_to(facts, silent)
     if {*path} & {*facts.inputs}:
         return path
@@ -70,7 +73,7 @@ def full_path(facts: GraphFacts, silent: str) -> tuple[str, ...]:
 
 
 def _reachable_topics(facts: GraphFacts) -> list[str]:
-    """The topics that messages can reach, in the order of the message flow."""
+    """Return the topics that messages can reach, in the order of the message flow."""
     reached = sorted(facts.inputs)
     for topic in reached:
         nodes = facts.topics[topic].all_subscribers - {*HARNESS_PARTS}
@@ -83,14 +86,14 @@ def _reachable_topics(facts: GraphFacts) -> list[str]:
 
 
 def first_fault(facts: GraphFacts, silent: str) -> Difference | None:
-    """The first fault on the path to a topic without messages; None if none is observed."""
+    """Return the first fault on the path to a topic without messages; None if none is observed."""
     path = path_to(facts, silent)
     faults = (_fault_at(facts, facts.topic(name), silent, path) for name in path)
     return next((fault for fault in faults if fault is not None), None)
 
 
 def find_input_fault(facts: GraphFacts, name: str) -> Difference | None:
-    """The fault of the subscriptions of an input; None if none is observed."""
+    """Return the fault of the subscriptions of an input; None if none is observed."""
     topic = facts.topic(name)
     readers = sorted(topic.all_subscribers)
     return _mismatch(topic, readers) or _no_subscription(facts, topic, readers)
@@ -247,7 +250,7 @@ def _no_subscription(facts: GraphFacts, topic: TopicFacts, readers: list[str]) -
 
 
 def _closest_name(wrong: str, names: Iterable[str]) -> str:
-    """The closest name, compared without the namespaces, which most topics share."""
+    """Return the closest name, compared without the namespaces, which most topics share."""
     by_end = {name.rpartition("/")[2]: name for name in sorted(names, reverse=True)}
     close = did_you_mean(wrong.rpartition("/")[2], by_end)
     return by_end[close] if close else ""
@@ -295,7 +298,7 @@ def _endpoint_texts(ends: tuple[Endpoint, ...], planned_type: str) -> str:
 def find_faults(
     facts: GraphFacts, silent: Iterable[str], inputs: Iterable[str] = ()
 ) -> tuple[Difference, ...]:
-    """The first fault on the path to each topic without messages, and those of some inputs.
+    """Return the first fault on the path to each topic without messages, and those of some inputs.
 
     Each topic is reported once.
     """
@@ -307,7 +310,7 @@ def find_faults(
 def certain_topics(
     facts: GraphFacts, missing: Iterable[str], remapped: Iterable[RemappedTopic] = ()
 ) -> frozenset[str]:
-    """The topics of `missing` whose endpoints will never match.
+    """Return the topics of `missing` whose endpoints will never match.
 
     Args:
         facts: of the graph; discovery is complete.
@@ -325,7 +328,7 @@ def certain_topics(
 
 
 def unmatched(facts: GraphFacts, remapped: Iterable[RemappedTopic]) -> Iterator[RemappedTopic]:
-    """The remappings to topics on which their node has no endpoint."""
+    """Yield the remappings to topics on which their node has no endpoint."""
     for rule in remapped:
         topic = facts.topic(rule.topic)
         nodes = {*topic.publisher_nodes, *topic.subscriber_nodes} - {*HARNESS_PARTS}
@@ -335,7 +338,7 @@ def unmatched(facts: GraphFacts, remapped: Iterable[RemappedTopic]) -> Iterator[
 
 
 def _is_misplaced(facts: GraphFacts, name: str, *, remapped: bool) -> bool:
-    """Whether another topic has an endpoint that was meant for a topic.
+    """Return whether another topic has an endpoint that was meant for a topic.
 
     Args:
         facts: of the graph.

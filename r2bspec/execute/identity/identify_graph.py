@@ -60,7 +60,7 @@ class FileDigests:
         self._real_folder = cache(os.path.realpath)
 
     def digest(self, path: Path) -> FileDigest | None:
-        """The digest of a file; None if it cannot be read.
+        """Return the digest of a file; None if it cannot be read.
 
         Links are followed: a file that is linked into an installation has its name in the sources.
         """
@@ -73,7 +73,7 @@ class FileDigests:
         return FileDigest(self.shown(place), self._digests[place])
 
     def real_path(self, path: Path) -> str:
-        """A path without links; of the files of one folder, its links are resolved once."""
+        """Return a path without links; of the files of one folder, its links are resolved once."""
         folder, name = os.path.split(path)
         if name in {"", ".", ".."}:
             return os.path.realpath(path)
@@ -81,17 +81,17 @@ class FileDigests:
         return os.path.realpath(place) if os.path.islink(place) else place  # noqa: PTH114
 
     def shown(self, place: str) -> str:
-        """A path without links, as `FileDigest` has it."""
+        """Return a path without links, as `FileDigest` has it."""
         inside = place.startswith(f"{self._top}/")
         return place[len(self._top) + 1 :] if inside else place
 
     def is_inside(self, path: Path) -> bool:
-        """Whether a file is one of the work tree, after all links."""
+        """Return whether a file is one of the work tree, after all links."""
         return self.real_path(path).startswith(f"{self._top}/")
 
 
 def file_sha256(path: Path) -> str:
-    """The digest of the content of a regular file.
+    """Return the digest of the content of a regular file.
 
     Raises:
         OSError: it is none, is larger than half a gigabyte, or cannot be read.
@@ -144,7 +144,7 @@ class WorkspacePackages:
         return packages
 
     def sources(self, package: str) -> Iterator[Path]:
-        """The files of a package, and of those of the work tree that it depends on.
+        """Yield the files of a package, and of those of the work tree that it depends on.
 
         Tests and documents are left out: they are no part of what runs.
         """
@@ -189,7 +189,7 @@ def _files_of(folder: Path) -> Iterator[Path]:
 def graph_identity(
     plan: Plan, base_dir: Path, *, revision: Revision | None = None, top: Path | None = None
 ) -> GraphIdentity:
-    """What the graph of a plan is made of, here and now.
+    """Return what the graph of a plan is made of, here and now.
 
     Args:
         plan: of the run.
@@ -217,7 +217,7 @@ def observed_identity(
     loaded: Mapping[str, Iterable[str]],
     top: Path | None = None,
 ) -> GraphIdentity:
-    """The identity of a graph by what its processes have loaded.
+    """Return the identity of a graph by what its processes have loaded.
 
     Args:
         identity: before the run.
@@ -240,7 +240,7 @@ def observed_identity(
 
 
 def changes_since(identity: GraphIdentity, base_dir: Path, *, is_elsewhere: bool) -> list[str]:
-    """What of a graph is not as it was in an earlier run: files, and versions of packages.
+    """Return what of a graph is not as it was in an earlier run: files, and versions of packages.
 
     Args:
         identity: of the earlier run.
@@ -287,7 +287,7 @@ class _GraphIdentifier:
         self._packages: dict[str, str] = {}
 
     def nodes(self, plan: Plan) -> Iterator[tuple[str, NodeIdentity]]:
-        """Every node of the graph and every command of the run, by its name."""
+        """Yield every node of the graph and every command of the run, by its name."""
         for process in plan.processes:
             before = "preprocess." if process.phase == "preprocess" else ""
             for node in process.nodes:
@@ -306,11 +306,11 @@ class _GraphIdentifier:
                 yield f"step {step.name}", self._identity(parts)
 
     def packages(self) -> dict[str, str]:
-        """The versions of Python, and of what is installed and was loaded."""
+        """Return the versions of Python, and of what is installed and was loaded."""
         return {"python": platform.python_version(), **self._packages}
 
     def observed(self, node: NodeIdentity, loaded: Iterable[str]) -> NodeIdentity:
-        """The node by what its process has loaded; what the plan names stays.
+        """Return the node by what its process has loaded; what the plan names stays.
 
         What was built in the work tree is known by its sources.
         """

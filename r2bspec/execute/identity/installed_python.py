@@ -32,7 +32,9 @@ def is_installed(file: Path) -> bool:
 
 
 def installed_version(file: Path) -> dict[str, str]:
-    """The version of the distribution that a file belongs to, by its name; empty if there is none.
+    """Return the version of the distribution that a file belongs to, by its name.
+
+    Empty if there is none.
 
     What was installed from a folder, as colcon does it, has a version that says little of its code.
     """
@@ -63,7 +65,7 @@ def _owners(folder: str) -> Mapping[str, tuple[str, str]]:
 
 
 def version_changes(packages: Mapping[str, str]) -> Iterator[str]:
-    """Which packages have another version now, as ``numpy 2.1 → 2.2``."""
+    """Yield which packages have another version now, as ``numpy 2.1 → 2.2``."""
     for name, before in packages.items():
         now = platform.python_version() if name == "python" else _version(name)
         if now and now != before:

@@ -70,7 +70,7 @@ class LoadedFiles:
     def by_process(
         self, processes: Iterable[ProcessRecord], *, complete: bool
     ) -> dict[str, frozenset[str]]:
-        """All files, by the name of the process, with what programs named when they exited.
+        """Return all files, by the name of the process, with what programs named when they exited.
 
         Args:
             processes: all of the run; they have ended.
@@ -88,7 +88,7 @@ class LoadedFiles:
         self._files[name] = self._files.get(name, frozenset()) | files
 
     def _modules(self, host: ManagedProcess) -> tuple[str, ...]:
-        """What a host has imported; nothing if a node keeps it from answering."""
+        """Return what a host has imported; nothing if a node keeps it from answering."""
         try:
             return self.supervisor.request(
                 host, protocol.ListModules(), protocol.Modules, _MODULES_TIMEOUT_S
@@ -101,7 +101,10 @@ class LoadedFiles:
 
 
 def mapped_files(pid: int) -> frozenset[str]:
-    """The files that a process and its descendants have mapped; none of one that has ended."""
+    """Return the files that a process and its descendants have mapped.
+
+    None of one that has ended.
+    """
     files: set[str] = set()
     for member in family(pid):
         files.update(_maps(member))
@@ -109,7 +112,7 @@ def mapped_files(pid: int) -> frozenset[str]:
 
 
 def modules_of_programs(folder: Path) -> dict[int, frozenset[str]]:
-    """The modules that programs in Python have imported, by the session in which they ran.
+    """Return the modules that programs in Python have imported, by the session in which they ran.
 
     Args:
         folder: has a file of each program: its session and its id, and names separated by zeros.

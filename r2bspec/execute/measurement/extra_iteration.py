@@ -81,12 +81,12 @@ class Profiler:
     words: tuple[str, ...]
 
     def prefix(self, base: Path) -> tuple[str, ...]:
-        """The words, for a file `base` without suffix."""
+        """Return the words, for a file `base` without suffix."""
         return tuple(word.replace(OUTPUT, str(base)) for word in self.words)
 
 
 def find_profiler(text: str) -> Profiler:
-    """The profiler that a user names: ``perf``, ``py-spy``, ``nsys``, or words of a command.
+    """Return the profiler that a user names: ``perf``, ``py-spy``, ``nsys``, or words of a command.
 
     Raises:
         UsageError: the text has no words, or cannot be split into words.
@@ -162,7 +162,7 @@ _SPARE_BYTES = 32 << 20
 
 
 def profiled_processes(plan: Plan) -> tuple[ProcessPlan, ...]:
-    """The processes to be observed: all that have nodes.
+    """Return the processes to be observed: all that have nodes.
 
     Raises:
         UsageError: there is none.
@@ -181,7 +181,7 @@ def profiled_processes(plan: Plan) -> tuple[ProcessPlan, ...]:
 
 
 def profiled_rate(plan: Plan, peak_hz: float | None) -> tuple[float, int]:
-    """The highest rate of the plan, or the peak, and how long it is played, in ns."""
+    """Return the highest rate of the plan, or the peak, and how long it is played, in ns."""
     plays = [(play.rate_hz, play.duration_ns) for play in plan.play]
     if plan.play_at_peak is not None and peak_hz is not None:
         plays.append((peak_hz, plan.play_at_peak.duration_ns))

@@ -157,7 +157,7 @@ class Measurement(Experiment[Iterations]):
         return True
 
     def _is_confirmed(self) -> bool:
-        """Whether there is to be a confirmation run, after a failure."""
+        """Return whether there is to be a confirmation run, after a failure."""
         # If others took part in what was measured, a fresh batch would confirm nothing.
         if not self._plan.gate.confirm or self._starts.find_foreign_publishers():
             return False
@@ -225,7 +225,7 @@ class Measurement(Experiment[Iterations]):
         return InterimLooks.with_end(plays, self._plan.starts)
 
     def planned(self) -> Sequence[Iterations]:
-        """The iterations of each start; those of the only start, up to each look."""
+        """Return the iterations of each start; those of the only start, up to each look."""
         plays, looks, starts = self.batches[-1].plays, self.looks, self._plan.starts
         if not plays:
             return []

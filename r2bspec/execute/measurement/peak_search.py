@@ -132,7 +132,7 @@ class LongPlays:
     allows: Callable[[], bool] = lambda: True
 
     def needs_probes(self, precision: float) -> bool:
-        """Whether the capacity alone does not tell the peak to this precision."""
+        """Return whether the capacity alone does not tell the peak to this precision."""
         return self.conditions or self.loss > precision
 
 
@@ -259,7 +259,7 @@ class Overload:
         self.add(later, shown=False)
 
     def record(self) -> CapacityRecord | None:
-        """The capacity as the run record has it."""
+        """Return the capacity as the run record has it."""
         if self.capacity is None:
             return None
         upper_hz = self.capacity.upper_hz
@@ -359,7 +359,7 @@ class PeakSearch:
         return self.record()
 
     def _goes_on(self) -> bool:
-        """Whether there is time for more than a bracket needs; it does not come back."""
+        """Return whether there is time for more than a bracket needs; it does not come back."""
         spent_s = sum(probe.played_s for probe in self._probes)
         self._has_time = (
             self._has_time and spent_s < self.long_plays.search_s and self.long_plays.allows()
@@ -367,7 +367,7 @@ class PeakSearch:
         return self._has_time
 
     def record(self) -> SearchRecord:
-        """The result so far."""
+        """Return the result so far."""
         unsteady = find_nonstationarity(self._overload.comparable, self._others, self.precision)
         lower, fails_hz = self._lower, self._fails_hz
         limited_by: Limit = "player" if self._fails_by_player else "graph"
@@ -529,7 +529,7 @@ class PeakSearch:
         self._overload.learn(play)
 
     def _below(self, outcome: ProbeOutcome) -> float:
-        """The next rate to be played whole, after one was not confirmed."""
+        """Return the next rate to be played whole, after one was not confirmed."""
         rate_hz = outcome.probe.rate_hz
         learnt_hz = self._overload.lower_hz
         if outcome.probe.holds is False and learnt_hz is not None and learnt_hz < rate_hz * 0.999:
@@ -540,7 +540,7 @@ class PeakSearch:
         return math.sqrt(rate_hz * self.minimum_hz)
 
     def _highest_kept(self) -> Probe | None:
-        """The highest rate below the upper end that was sustained in a probe."""
+        """Return the highest rate below the upper end that was sustained in a probe."""
         kept = [
             probe
             for probe in self._probes
@@ -577,7 +577,7 @@ class PeakSearch:
         )
 
     def _next_rate(self) -> float | None:
-        """The next rate to try, or None when the bracket is as narrow as it can be made."""
+        """Return the next rate to try, or None when the bracket is as narrow as it can be made."""
         lower_hz = self._holds_hz or self.minimum_hz
         upper_hz = self._fails_hz or self.maximum_hz
         if upper_hz / lower_hz <= 1 + self.precision:
@@ -590,7 +590,7 @@ class PeakSearch:
         return self._between(self._holds_hz, self._fails_hz)
 
     def _between(self, holds_hz: float, fails_hz: float) -> float:
-        """A rate between a sustained and a failed one."""
+        """Return a rate between a sustained and a failed one."""
         guess_hz = self._guess_hz * (1 - self.precision / 2)
         if holds_hz < guess_hz < fails_hz and not self._guess_tried:
             self._guess_tried = True
@@ -604,7 +604,9 @@ class PeakSearch:
         return max(middle_hz, fails_hz / step)
 
     def _next_to_open(self, around: list[float], lower_hz: float, upper_hz: float) -> float | None:
-        """A rate below or above the undecided ones; None if both gaps are as narrow as possible.
+        """Return a rate below or above the undecided ones.
+
+        None if both gaps are as narrow as possible.
 
         Args:
             around: the undecided rates of the bracket, ascending.
@@ -628,7 +630,7 @@ class PeakSearch:
 
 
 def unexplained_end(probes: Sequence[Probe], lower_hz: float, fails_hz: float) -> float | None:
-    """The upper end of a bracket that interference cannot explain.
+    """Return the upper end of a bracket that interference cannot explain.
 
     Args:
         probes: of the search.

@@ -135,7 +135,7 @@ class RateProber:
         return self._play(play, rate_hz)
 
     def long_plays(self, search: SearchPlan, allows: Callable[[], bool]) -> LongPlays:
-        """What the search plays besides short probes.
+        """Return what the search plays besides short probes.
 
         Args:
             search: of the plan.
@@ -269,7 +269,7 @@ _STATES = {None: "is undecided", True: "is sustained", False: "is not sustained"
 
 
 def _allowed_loss(condition: Requirement) -> float:
-    """The drop rate that a condition allows, as a fraction; 0 for other conditions."""
+    """Return the drop rate that a condition allows, as a fraction; 0 for other conditions."""
     if not condition.metric.endswith("drop_rate") or condition.bound is None:
         return 0.0
     return condition.bound.value if condition.op in {"<", "<="} else 0.0
@@ -293,7 +293,7 @@ class _InterimMonitor:
         self._looks = looks if self.play.ends_on else (InterimLook(self.limit_s, 1.0),)
 
     def watch(self, observation: SegmentObservation, elapsed_s: float) -> bool:
-        """Whether the result is clear; called while playing."""
+        """Return whether the result is clear; called while playing."""
         due = [look for look in self._looks[self._number : -1] if look.at_s <= elapsed_s]
         if not due:
             return False
@@ -310,7 +310,7 @@ class _InterimMonitor:
         return True
 
     def conclude(self, estimates: list[ProbeEstimate]) -> ProbeJudgement:
-        """The result, after the graph has drained."""
+        """Return the result, after the graph has drained."""
         decided: Sequence[ProbeJudgement | None] = self._decided or [None] * len(estimates)
         return worst_judgement(
             [

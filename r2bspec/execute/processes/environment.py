@@ -67,7 +67,7 @@ _MIN_SECRET_LENGTH = 8
 
 
 def inherited_environment(environ: Mapping[str, str], named: Iterable[str]) -> dict[str, str]:
-    """The part of an environment that processes of a run get."""
+    """Return the part of an environment that processes of a run get."""
     names = frozenset(named)
     wildcards = (name for name in names if set(name) & set("*?["))
     patterns = (*_INHERITED_PATTERNS, *inherited_variables(), *wildcards)
@@ -121,7 +121,9 @@ class RunEnvironment:
         self.segment_bytes = self.middleware.segment_bytes(self.transport)
 
     def is_same_as(self, other: RunEnvironment) -> bool:
-        """Whether processes get the same variables; what the files that these name say may differ.
+        """Return whether processes get the same variables.
+
+        What the files that these name say may differ.
 
         The middleware reads its files when a process initialises ROS, not before.
         """
@@ -139,7 +141,7 @@ class RunEnvironment:
 
 
 def replaced_texts(value: Any, replace: Callable[[str], str]) -> Any:
-    """A value of dictionaries and lists, with all texts in it replaced, apart from keys."""
+    """Return a value of dictionaries and lists, with all texts in it replaced, apart from keys."""
     if isinstance(value, str):
         return replace(value)
     if isinstance(value, dict):
@@ -150,7 +152,7 @@ def replaced_texts(value: Any, replace: Callable[[str], str]) -> Any:
 
 
 def texts(value: Any) -> Iterator[str]:
-    """All texts in a value of dictionaries and lists, apart from keys."""
+    """Yield all texts in a value of dictionaries and lists, apart from keys."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, dict):
@@ -214,14 +216,14 @@ def _apply_changes(changes: Mapping[str, str]) -> None:
 
 
 def _folders(value: str) -> list[str]:
-    """The folders of PYTHONPATH as they are in ``sys.path``."""
+    """Return the folders of PYTHONPATH as they are in ``sys.path``."""
     if sys.flags.ignore_environment:
         return []
     return [os.path.abspath(folder) for folder in value.split(os.pathsep) if folder]  # noqa: PTH100
 
 
 def workspace_environments(texts: Iterable[str]) -> dict[str, str]:
-    """The combined changes of several environments, each applied after those before it.
+    """Return the combined changes of several environments, each applied after those before it.
 
     Raises:
         WorkspaceError: one of them does not exist, or cannot be sourced.
@@ -234,7 +236,7 @@ def workspace_environments(texts: Iterable[str]) -> dict[str, str]:
 
 
 def workspace_environment(text: str) -> dict[str, str]:
-    """The changes of an environment.
+    """Return the changes of an environment.
 
     Args:
         text: a setup file (``install/setup.bash``), a prefix with a setup file or with programs
@@ -262,7 +264,7 @@ def workspace_environment(text: str) -> dict[str, str]:
 
 
 def _source_setup_file(path: Path) -> dict[str, str]:
-    """The changes of sourcing a file, which the user trusts as in a terminal."""
+    """Return the changes of sourcing a file, which the user trusts as in a terminal."""
     shell = shutil.which("sh" if path.suffix == ".sh" else "bash")
     if shell is None:
         raise WorkspaceError(f"{path} needs bash, which is not on PATH")
@@ -283,7 +285,7 @@ def _source_setup_file(path: Path) -> dict[str, str]:
 
 
 def _prefix_environment(path: Path) -> dict[str, str]:
-    """The variables that an overlay of this prefix prepends."""
+    """Return the variables that an overlay of this prefix prepends."""
     path = path.absolute()
     python = f"python{sys.version_info.major}.{sys.version_info.minor}"
     front = {

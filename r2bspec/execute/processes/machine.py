@@ -80,7 +80,10 @@ def _cpu_model() -> str:
 
 
 def _threads_per_core() -> int | None:
-    """How many hardware threads share a core, at most; None where the kernel does not say."""
+    """Return how many hardware threads share a core, at most.
+
+    None where the kernel does not say.
+    """
     siblings = [
         int(mask.replace(",", ""), 16).bit_count()
         for path in Path("/sys/devices/system/cpu").glob("cpu[0-9]*/topology/thread_siblings")
@@ -118,7 +121,7 @@ def check_machine(plan: Plan) -> None:
 
 
 def unwritable_log(folder: Path) -> Path | None:
-    """The largest log of a run, if its disk has no room for more; else None.
+    """Return the largest log of a run, if its disk has no room for more; else None.
 
     A node that cannot write its log may raise, exit or fall silent.
     """

@@ -46,7 +46,7 @@ from r2bspec.safe_io.limits import MIN_RUN_ADDRESS_SPACE
 
 
 def resolve_argv(plan: ProcessPlan) -> list[str]:
-    """The command line of a process, with the interpreter and full paths of executables.
+    """Return the command line of a process, with the interpreter and full paths of executables.
 
     Raises:
         NotInstalledError: a package, executable or program is not on this machine.
@@ -58,12 +58,12 @@ def resolve_argv(plan: ProcessPlan) -> list[str]:
 
 
 def hosts_library(plan: ProcessPlan) -> bool:
-    """Whether player and monitor run in a process of Python nodes."""
+    """Return whether player and monitor run in a process of Python nodes."""
     return plan.role == "harness" and bool(plan.nodes)
 
 
 def built(make: Callable[[], Path]) -> Path:
-    """The file of a program or a library of r2bspec, which is built unless it was.
+    """Return the file of a program or a library of r2bspec, which is built unless it was.
 
     Raises:
         NotInstalledError: it cannot be built on this machine (R2B668).
@@ -114,7 +114,7 @@ def _harness() -> str:
 
 
 def find_executable(package: str, name: str) -> Path:
-    """The executable of an ament package: ``PREFIX/lib/PACKAGE/NAME``.
+    """Return the executable of an ament package: ``PREFIX/lib/PACKAGE/NAME``.
 
     Raises:
         NotInstalledError: no prefix in AMENT_PREFIX_PATH has the package or the executable.
@@ -259,7 +259,10 @@ _LIMITS = {
 
 
 def limit_text(number: int) -> str:
-    """A limit of this user that processes of a run inherit, in words; empty if there is none."""
+    """Return a limit of this user that processes of a run inherit, in words.
+
+    Empty if there is none.
+    """
     what, unit, option = _LIMITS[number]
     soft, _ = resource.getrlimit(number)
     unlimited = soft == resource.RLIM_INFINITY
@@ -301,7 +304,7 @@ _NO_THREAD = re.compile(
 
 
 def limit_error(message: str, output: str = "", hint: str = "") -> errors.CertainRunError | None:
-    """The error of the limit that a failure is due to; None if none is known to be.
+    """Return the error of the limit that a failure is due to; None if none is known to be.
 
     Args:
         message: what has failed, and how.

@@ -166,7 +166,7 @@ def shorten_slice(pid: int) -> bool:
 
 
 def slice_of(pid: int) -> int:
-    """The time slice of a process, in nanoseconds; 0 if the kernel does not tell."""
+    """Return the time slice of a process, in nanoseconds; 0 if the kernel does not tell."""
     attributes = _attributes(pid)
     return 0 if attributes is None else int(attributes.runtime_ns)
 
@@ -344,7 +344,7 @@ class ManagedProcess:
             self.signals.append(int(which))
 
     def log_tail(self) -> str:
-        """The last lines of its output, with secrets redacted.
+        """Return the last lines of its output, with secrets redacted.
 
         More is read than is returned: a secret is complete, and is replaced, before the text is
         cut.
@@ -359,13 +359,13 @@ class ManagedProcess:
         return "\n".join(self._redact(text)[-_LOG_TAIL_BYTES:].splitlines()[-_LOG_TAIL_LINES:])
 
     def last_output(self) -> str:
-        """The last lines of its output, as the end of a sentence."""
+        """Return the last lines of its output, as the end of a sentence."""
         tail = self.log_tail()
         return f"{OUTPUT_FOLLOWS}{tail}" if tail else "; it printed nothing"
 
 
 def describe_exit(status: int) -> str:
-    """The text for a return code of `subprocess`."""
+    """Return the text for a return code of `subprocess`."""
     if status >= 0:
         return f"exited with status {status}"
     with contextlib.suppress(ValueError):

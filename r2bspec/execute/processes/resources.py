@@ -99,7 +99,7 @@ class InterferenceReader:
         self._used_s: dict[int, float] = {}
 
     def read(self) -> InterferenceReading:
-        """The current values of the counters."""
+        """Return the current values of the counters."""
         times = dict(zip(_cores_online(), psutil.cpu_times(percpu=True), strict=False))
         ours = {core: times[core] for core in self._cores if core in times}
         used_s = {core: busy_seconds(of_core) for core, of_core in ours.items()}
@@ -139,7 +139,7 @@ def busy_seconds(times: psutil._ntuples.scputimes) -> float:
 
 
 def _counted(counters: _Counters, path: Path) -> float:
-    """The first of some numbers that a file has; NaN without one."""
+    """Return the first of some numbers that a file has; NaN without one."""
     with contextlib.suppress(OSError, ValueError):
         text = path.read_text()
         for pattern, divisor in counters:
@@ -155,7 +155,9 @@ def _largest(counters: _Counters, paths: list[Path]) -> float:
 
 
 def minor_faults(pid: int) -> int:
-    """The page faults that needed no disk, with those of children that have exited; 0 if unknown.
+    """Return the page faults that needed no disk, with those of children that have exited.
+
+    0 if unknown.
 
     Memory that was mapped freshly causes one for each page that is touched first, such as the
     pages of a large message whose buffer the allocator gave back before.
@@ -179,7 +181,7 @@ class OrphanFinder:
     def find(
         self, descendants: Mapping[int, int], leaders: Mapping[int, int], unknown: int
     ) -> dict[int, int]:
-        """The orphans that run now: process id to the index of the process it belongs to.
+        """Return the orphans that run now: process id to the index of the process it belongs to.
 
         Args:
             descendants: process id to index, of all processes of the run that have a parent in it,
@@ -239,7 +241,9 @@ class RunQueueWaits:
         self._total_ns: dict[int, int] = {}
 
     def update(self, index: int, pids: Iterable[int]) -> float:
-        """The wait of all threads of a group so far, in seconds; NaN if the kernel counts none.
+        """Return the wait of all threads of a group so far, in seconds.
+
+        NaN if the kernel counts none.
 
         Args:
             index: of the group.
@@ -272,7 +276,7 @@ class RunQueueWaits:
 
 
 def family(pid: int) -> list[int]:
-    """A process and all that descend from it."""
+    """Return a process and all that descend from it."""
     with contextlib.suppress(psutil.Error):
         return [member.pid for member in _with_descendants(psutil.Process(pid))]
     return [pid]
@@ -340,7 +344,7 @@ class ResourceSampler:
             self._lock.notify()
 
     def resident(self, pid: int) -> int:
-        """The last sampled resident memory of a process and its descendants, in bytes."""
+        """Return the last sampled resident memory of a process and its descendants, in bytes."""
         return self._resident.get(pid, 0)
 
     def cores(self, pid: int) -> float | None:
@@ -361,15 +365,15 @@ class ResourceSampler:
         return self.rows(), self.interference()
 
     def rows(self) -> Rows:
-        """The samples so far: rows of `r2bspec.record.sample_arrays.RESOURCE_DTYPE`."""
+        """Return the samples so far: rows of `r2bspec.record.sample_arrays.RESOURCE_DTYPE`."""
         return np.frombuffer(bytes(self._rows), dtype=RESOURCE_DTYPE)
 
     def interference(self) -> Rows:
-        """The same of host interference: rows of `sample_arrays.INTERFERENCE_DTYPE`."""
+        """Return the same of host interference: rows of `sample_arrays.INTERFERENCE_DTYPE`."""
         return np.frombuffer(bytes(self._interference_rows), dtype=INTERFERENCE_DTYPE)
 
     def devices(self) -> Rows:
-        """The same of GPUs and processor packages: rows of `sample_arrays.DEVICE_DTYPE`."""
+        """Return the same of GPUs and processor packages: rows of `sample_arrays.DEVICE_DTYPE`."""
         return np.frombuffer(bytes(self._device_rows), dtype=DEVICE_DTYPE)
 
     def _run(self) -> None:
@@ -465,7 +469,7 @@ class ResourceSampler:
 
 
 def _descendants(process: psutil.Process) -> list[psutil.Process]:
-    """All running descendants of a process.
+    """Return all running descendants of a process.
 
     If the kernel was built with lists of the children of each thread, they are used; psutil reads
     the parent of every process of the machine instead, which takes most of the time of a sample.
@@ -491,7 +495,7 @@ def _descendants(process: psutil.Process) -> list[psutil.Process]:
 
 
 def _with_descendants(process: psutil.Process) -> list[psutil.Process]:
-    """A process and all its running descendants; of one that has exited, only itself."""
+    """Return a process and all its running descendants; of one that has exited, only itself."""
     with contextlib.suppress(psutil.Error):
         return [process, *_descendants(process)]
     return [process]

@@ -147,7 +147,7 @@ def _capability() -> str:
 
 
 def has_memory_lock(plan: ProcessPlan) -> bool:
-    """Whether a process of a plan locks its memory."""
+    """Return whether a process of a plan locks its memory."""
     return plan.scheduling is not None and plan.scheduling.memory_lock
 
 
@@ -170,7 +170,7 @@ def _require_memory_lock(name: str) -> None:
 
 
 def locked_bytes(plan: ProcessPlan, pid: int) -> int:
-    """How much memory of a process and its descendants is locked.
+    """Return how much memory of a process and its descendants is locked.
 
     Raises:
         RunError: none is, although the plan asks for it.
@@ -197,7 +197,7 @@ def _locked_bytes_of(pid: int) -> int:
 
 
 def apply_when_ready(plan: ProcessPlan, pid: int, *, final: bool) -> AppliedSettings:
-    """What can be done when the process runs, and what the kernel then says of all settings.
+    """Return what can be done when the process runs, and what the kernel then says of all settings.
 
     Args:
         plan: of the process.
@@ -265,7 +265,10 @@ def read_scheduling(pid: int) -> tuple[ThreadSchedulingRecord, ...]:
 
 
 def _threads(pid: int) -> list[tuple[int, str]]:
-    """The threads of a process and its descendants, with their names; not those that have ended."""
+    """Return the threads of a process and its descendants, with their names.
+
+    Not those that have ended.
+    """
     found = []
     for task in _tasks(family(pid)):
         with contextlib.suppress(OSError):
@@ -275,7 +278,7 @@ def _threads(pid: int) -> list[tuple[int, str]]:
 
 
 def _tasks(pids: Iterable[int]) -> Iterator[Path]:
-    """The threads of processes, as the kernel shows them."""
+    """Yield the threads of processes, as the kernel shows them."""
     for pid in pids:
         yield from Path(f"/proc/{pid}/task").glob("*")
 
@@ -321,7 +324,7 @@ def _move(
 
 
 def _ordinary_threads(pids: Iterable[int], cpus: set[int]) -> Iterator[int]:
-    """The threads of processes that run on these CPUs, and whose policy is not set."""
+    """Yield the threads of processes that run on these CPUs, and whose policy is not set."""
     for task in _tasks(pids):
         thread = int(task.name)
         with contextlib.suppress(OSError):

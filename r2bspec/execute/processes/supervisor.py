@@ -192,7 +192,7 @@ class ProcessSupervisor:
     def add_joined_part(
         self, child: ManagedProcess, part: str, connection: socket.socket
     ) -> ManagedProcess:
-        """A part of the harness that was loaded into a process of the graph."""
+        """Return a part of the harness that was loaded into a process of the graph."""
         endpoint = child.add_part(part, connection, native=True)
         child.has_joined_parts = True
         self._selector.register(connection, selectors.EVENT_READ, endpoint)
@@ -343,7 +343,7 @@ class ProcessSupervisor:
                 self.pump()
 
     def waiting(self, what: str) -> contextlib.AbstractContextManager[None]:
-        """The time of the block is a wait of the controller; see `PhaseClock.waiting`."""
+        """Return the time of the block is a wait of the controller; see `PhaseClock.waiting`."""
         return self._clock.waiting(what)
 
     def end(self, children: Iterable[ManagedProcess]) -> None:
@@ -382,13 +382,13 @@ class ProcessSupervisor:
         return self._logs.truncated
 
     def pids(self) -> frozenset[int]:
-        """The processes of the run: those that were started, and all others that run now."""
+        """Return the processes of the run: those that were started, and all others that run now."""
         started = {child.pid for child in self._all}
         living = run_processes(self._run_id, [child.session for child in self._all])
         return frozenset(started | {process.pid for process in living})
 
     def records(self) -> tuple[ProcessRecord, ...]:
-        """Every process that was started, with its exit status."""
+        """Return every process that was started, with its exit status."""
         return tuple(
             ProcessRecord(
                 name=child.name,

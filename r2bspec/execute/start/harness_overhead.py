@@ -186,7 +186,7 @@ class HarnessOverhead:
 
 
 def can_be_measured(inputs: tuple[InputPlan, ...]) -> bool:
-    """Whether no message that is played meanwhile is kept for subscriptions of the graph."""
+    """Return whether no message that is played meanwhile is kept for subscriptions of the graph."""
     return not any(input_.qos.durability == "transient_local" for input_ in inputs)
 
 
@@ -202,7 +202,7 @@ def _quietest(
 
 
 def overhead_rate_hz(plan: Plan) -> float:
-    """The rate at which the overhead of a plan is measured: the lowest of its results."""
+    """Return the rate at which the overhead of a plan is measured: the lowest of its results."""
     rates = [*(play.rate_hz for play in plan.play), *plan.sustained_hz]
     rates += [plan.search.min_hz] if plan.search and not rates else []
     return min(rates, default=_DEFAULT_HZ)
@@ -211,7 +211,7 @@ def overhead_rate_hz(plan: Plan) -> float:
 def overhead_record(
     topic: str, rate_hz: float, playback: Rows, received: Rows
 ) -> HarnessOverheadRecord:
-    """The overhead on one input.
+    """Return the overhead on one input.
 
     Args:
         topic: the input.
@@ -243,7 +243,7 @@ def _quantile(values_ns: Rows, q: float) -> int | None:
 
 
 def overhead_steps(usual: int) -> int:
-    """How many steps are played.
+    """Return how many steps are played.
 
     Args:
         usual: how many a second has, or as much of one as the recording.

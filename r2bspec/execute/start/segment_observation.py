@@ -84,7 +84,7 @@ class SegmentObservation:
         self._matched: dict[str, MatchedMonitor] = {}
 
     def matched(self, name: str) -> MatchedMonitor:
-        """The steps that count for a monitor, and how its messages answer them."""
+        """Return the steps that count for a monitor, and how its messages answer them."""
         if name not in self._matched:
             monitor = next(
                 monitor_plan for monitor_plan in self._plan.monitors if monitor_plan.name == name
@@ -99,7 +99,7 @@ class SegmentObservation:
         return self._matched[name]
 
     def samples(self, segment: Segment) -> SegmentSamples:
-        """The samples as metrics need them, without hops, processes and the host."""
+        """Return the samples as metrics need them, without hops, processes and the host."""
         return SegmentSamples(
             segment=segment,
             playback=playback_samples(self.playback),
@@ -112,12 +112,12 @@ class SegmentObservation:
         )
 
     def all_matched(self) -> dict[str, MatchedMonitor]:
-        """The same of every monitor."""
+        """Return the same of every monitor."""
         return {name: self.matched(name) for name in self.monitors}
 
 
 def outstanding_answers(matched: Iterable[MatchedMonitor]) -> Outstanding:
-    """Which answers are missing, over several monitors.
+    """Return which answers are missing, over several monitors.
 
     As many messages as steps do not suffice: where some are answered twice, others still wait.
     """
@@ -137,7 +137,7 @@ def outstanding_answers(matched: Iterable[MatchedMonitor]) -> Outstanding:
 
 
 def _contains_last_step(matched: MatchedMonitor) -> bool:
-    """Whether a message, though no further answer, has the stamp of the last step."""
+    """Return whether a message, though no further answer, has the stamp of the last step."""
     last = matched.steps["stamp_ns"][-1]
     return not matched.matching.by_order and bool((matched.rows["stamp_ns"] == last).any())
 
@@ -155,7 +155,7 @@ def last_answer_s(matched: Iterable[MatchedMonitor]) -> float:
 
 
 def goes_on(matched: MatchedMonitor) -> bool:
-    """Whether messages that answer nothing have come after the last answer of a monitor."""
+    """Return whether messages that answer nothing have come after the last answer of a monitor."""
     last_ns = last_answer_s([matched]) * 1e9
     return int(np.count_nonzero(matched.rows["received_ns"] > last_ns)) >= _MIN_GOING_ON
 
@@ -180,7 +180,7 @@ class UnaskedOutputs:
         self._unasked[name] = self._count(name, matched)
 
     def are_all(self, name: str, matched: MatchedMonitor) -> bool:
-        """Whether the monitor is one of them, with what it has received in this segment."""
+        """Return whether the monitor is one of them, with what it has received in this segment."""
         least = _MIN_UNASKED["order" if matched.matching.by_order else "stamp"]
         return self._count(name, matched) >= least and name not in self._answering
 
@@ -230,7 +230,7 @@ class DrainTimer:
         self.outstanding = None
 
     def wants_a_look(self, now_s: float) -> bool:
-        """Whether it is time to find out what is `outstanding`, which is costly."""
+        """Return whether it is time to find out what is `outstanding`, which is costly."""
         return self.outstanding is None and now_s - self._looked_s > _MIN_DRAIN_QUIET_S
 
     def looked(
@@ -244,7 +244,7 @@ class DrainTimer:
         self._looked_s, self.outstanding, self._goes_on = now_s, outstanding, goes_on
 
     def is_over(self, now_s: float) -> bool:
-        """Whether what is still missing counts as lost; never before it was looked at."""
+        """Return whether what is still missing counts as lost; never before it was looked at."""
         if self.outstanding is None:
             return now_s > self._ends_at_s
         limit_s = self._timeout_s
@@ -279,15 +279,15 @@ class ProgressView:
         self._use = use
 
     def sent(self) -> int:
-        """How many steps have been published."""
+        """Return how many steps have been published."""
         return self._playback.count()
 
     def received(self) -> int:
-        """How many messages have come: the least over all monitors."""
+        """Return how many messages have come: the least over all monitors."""
         return min((rows.count() for _, rows in self._monitors), default=0)
 
     def p99_ns(self) -> int | None:
-        """The p99 of the latest latencies, the largest of all monitors.
+        """Return the p99 of the latest latencies, the largest of all monitors.
 
         A message that is still under way is not in it, nor one that was lost.
         """
@@ -316,7 +316,7 @@ class _SegmentRows:
         return self.rows.count() - self.first
 
     def latest(self) -> tuple[int, NDArray[np.void]]:
-        """The latest rows, after the number of the first of them."""
+        """Return the latest rows, after the number of the first of them."""
         start = max(0, self.count() - MAX_ROWS)
         return start, self.rows.read(self.first + start)
 
@@ -324,7 +324,7 @@ class _SegmentRows:
 def _latencies_ns(
     played: NDArray[np.void], received: NDArray[np.void], shift: int | None
 ) -> NDArray[np.float64]:
-    """The latencies of received messages whose step is among those played.
+    """Return the latencies of received messages whose step is among those played.
 
     Args:
         played: rows of the player.
@@ -345,7 +345,7 @@ def _latencies_ns(
 
 
 def output_stopped(playback: Rows, rows: Rows, matching: Matching) -> bool:
-    """Whether the output stopped while messages were still expected.
+    """Return whether the output stopped while messages were still expected.
 
     Args:
         playback: rows of type `PLAYBACK_DTYPE` of a segment.

@@ -86,7 +86,7 @@ class SegmentHeading:
 
 
 def titled(rate_hz: float, text: str) -> str:
-    """The title of a segment; a rate of 0, which is that of the recording, is not named."""
+    """Return the title of a segment; a rate of 0, which is that of the recording, is not named."""
     return f"{rate_hz:g} Hz, {text}" if rate_hz else text
 
 
@@ -223,7 +223,7 @@ class SegmentPlayer:
         self._clocks = tuple(index for index, _ in pids[: reply.clocks])
 
     def _work(self) -> Rows:
-        """The processor time of the steps of the last playback, of type `WORK_DTYPE`."""
+        """Return the processor time of the steps of the last playback, of type `WORK_DTYPE`."""
         if not self._clocks or not isinstance(self._playback, PlaybackReader):
             return np.empty(0, WORK_DTYPE)
         clocks_ns = self._playback.last_clocks()
@@ -302,7 +302,7 @@ class SegmentPlayer:
         return self.play(heading, rate_hz, steps)
 
     def segment_id_for(self, name: str) -> str:
-        """The id of a segment with a name, unique over the starts of a run."""
+        """Return the id of a segment with a name, unique over the starts of a run."""
         return f"confirm-{name}" if self._confirms else name
 
     def _confirming(self, heading: SegmentHeading) -> SegmentHeading:
@@ -311,14 +311,14 @@ class SegmentPlayer:
         return replace(heading, kind=kind, id=self.segment_id_for(heading.id))
 
     def received(self) -> dict[str, int]:
-        """The number of messages that each monitor has received since its start."""
+        """Return the number of messages that each monitor has received since its start."""
         return {name: rows.count() for name, rows in self._monitors.items()}
 
     def _counts(self) -> dict[str, int]:
         return self.received() | {"": self._playback.count()}
 
     def _first_rows(self) -> dict[str, int]:
-        """The first row of each file that belongs to no segment yet.
+        """Return the first row of each file that belongs to no segment yet.
 
         Messages that arrived after the end of the last segment belong to the next one.
         """
@@ -455,7 +455,7 @@ class SegmentPlayer:
             self._supervisor.pump(DRAIN_POLL_S)
 
     def _enough(self, first: dict[str, int], counts: dict[str, int]) -> bool:
-        """Whether the number of messages suffices; a cheap check before `_outstanding`."""
+        """Return whether the number of messages suffices; a cheap check before `_outstanding`."""
         if not isinstance(self.schedule, CyclicSchedule):
             # Of a timeline, not every step counts for every monitor.
             return True
@@ -466,7 +466,10 @@ class SegmentPlayer:
         )
 
     def _look(self, timer: DrainTimer, now_s: float, first: dict[str, int]) -> bool:
-        """Whether answers are still missing; an output that has stopped is not waited for again."""
+        """Return whether answers are still missing.
+
+        An output that has stopped is not waited for again.
+        """
         matched = self._observe(first).all_matched()
         waited = {name: each for name, each in matched.items() if name not in self._stopped_outputs}
         asked = [each for name, each in waited.items() if not self._unasked.are_all(name, each)]
@@ -606,7 +609,7 @@ class LiveSegmentWatcher(SegmentPlayer):
     def _observe_between(
         self, first: dict[str, int], began_ns: int, ended_ns: int
     ) -> SegmentObservation:
-        """The messages received between two times."""
+        """Return the messages received between two times."""
         monitors = {}
         for name, rows in self._observe(first).monitors.items():
             received = rows["received_ns"]

@@ -109,7 +109,10 @@ class SilentOutputs:
         )
 
     def _unpaired(self, facts: GraphFacts, fault: Difference) -> str:
-        """What a silent node lacks if it combines messages of equal stamps; empty if nothing."""
+        """Return what a silent node lacks if it combines messages of equal stamps.
+
+        Empty if nothing.
+        """
         numbers = {source.topic: number for number, source in enumerate(self.graph.plan.inputs)}
         topics = [
             topic

@@ -472,7 +472,7 @@ class Start:
         wait_for_mutual_discovery(self._graph, ends)
 
     def _start_caller(self, player: ManagedProcess) -> ManagedProcess:
-        """The process that calls services: the player, or one that follows its steps.
+        """Return the process that calls services: the player, or one that follows its steps.
 
         It is started when all that is played belongs to the graph.
         """
@@ -574,7 +574,7 @@ class Start:
         }
 
     def _is_idle(self) -> bool:
-        """Whether all nodes have processed what was played, and wait for more.
+        """Return whether all nodes have processed what was played, and wait for more.
 
         Never in a live run, whose source publishes all the time.
         """

@@ -201,7 +201,7 @@ def _within(times: Ints, window: tuple[int, int]) -> Mask:
 
 
 def _takes_of_monitors(events: Events, record: AnatomyRecord, plan: Plan) -> dict[str, Ints]:
-    """The rows of the takes of each monitor."""
+    """Return the rows of the takes of each monitor."""
     readers: dict[str, frozenset[str]] = {
         monitor.name: frozenset(
             process.name
@@ -231,7 +231,7 @@ def _takes_of_monitors(events: Events, record: AnatomyRecord, plan: Plan) -> dic
 
 
 def _is_end(events: Events, takes: Ints, monitor: MonitorPlan, plan: Plan) -> Mask:
-    """Which takes are messages of a monitor, or answers to the calls that it stands for."""
+    """Return which takes are messages of a monitor, or answers to the calls that it stands for."""
     ends, kind = {monitor.topic}, AnatomyKind.TAKE
     if (call := plan.called.get(monitor.name)) is not None:
         of_action = f"{call.target}/_action"
@@ -314,7 +314,7 @@ def _counts(events: Events, rows: Ints) -> dict[str, int]:
 
 
 def _loads(events: Events, starts: Ints, window: tuple[int, int]) -> Seconds:
-    """The callbacks that ran at a time, on average, in each part of the window."""
+    """Return the callbacks that ran at a time, on average, in each part of the window."""
     began, ended = events.callback_began_ns[starts], events.callback_ended_ns[starts]
     known = (began != UNKNOWN_NS) & (ended >= began)
     width = (window[1] - window[0]) / WINDOWS

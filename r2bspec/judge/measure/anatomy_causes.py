@@ -45,7 +45,7 @@ class Causes:
 
 
 def find_causes(events: Events) -> Causes:
-    """The causes of all sends but those of the harness."""
+    """Return the causes of all sends but those of the harness."""
     harness = events.names.is_harness[events.object]
     sends = np.flatnonzero(events.is_send & ~harness)
     takes = np.flatnonzero(events.is_take & ~harness)
@@ -133,7 +133,7 @@ def _newest(events: Events, sends: Ints, takes: Ints) -> Iterator[Pairs]:
 
 
 def _ends_of_nodes(events: Events, sends: Ints, takes: Ints) -> Iterator[Pairs]:
-    """The sends of a node, with the takes of each of its subscriptions in turn.
+    """Yield the sends of a node, with the takes of each of its subscriptions in turn.
 
     A node that takes nothing belongs to the other nodes of its process, as a node does that a
     program has for its publishers alone.
@@ -152,7 +152,7 @@ def _ends_of_nodes(events: Events, sends: Ints, takes: Ints) -> Iterator[Pairs]:
 
 
 def _within(events: Events, sends: Ints, asked: Ints) -> Pairs:
-    """The take in whose callback each send lies.
+    """Return the take in whose callback each send lies.
 
     An action server of rclpy takes several requests before it answers the first: the last of these
     is no cause of responses whose request is known.

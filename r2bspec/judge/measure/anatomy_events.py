@@ -197,7 +197,7 @@ class Events:
 
 
 def join_events(record: AnatomyRecord, rows: Rows, plan: Plan) -> Events:
-    """The events of a record, joined.
+    """Return the events of a record, joined.
 
     Args:
         record: what was observed.
@@ -263,7 +263,7 @@ def _numbered(ascending: Ints) -> Ints:
 
 
 def _sound(record: AnatomyRecord, rows: Rows) -> Mask:
-    """Which rows can be: of a known kind, process and object, at a time."""
+    """Return which rows can be: of a known kind, process and object, at a time."""
     kinds = rows["kind"]
     sound: Mask = (
         np.isin(kinds, [*AnatomyKind])
@@ -340,7 +340,7 @@ def _callbacks(
 def _hanging(
     kind: Ints, thread: Ints, of: Ints, is_start: Mask, began_ns: Ints, ended_ns: Ints
 ) -> Ints:
-    """The starts in whose callbacks a thread was when the last event was written.
+    """Return the starts in whose callbacks a thread was when the last event was written.
 
     They are the last ones of threads that say when callbacks end, which those of C on rcl do not,
     and every earlier message of the same subscription, or call of the timer, had a whole callback.

@@ -161,7 +161,7 @@ class PathSearch:
         self._harness = events.names.is_harness[events.object]
 
     def paths_to(self, monitor: str, takes: Ints) -> tuple[Path, ...]:
-        """The paths to a monitor, those first that most of its messages followed.
+        """Return the paths to a monitor, those first that most of its messages followed.
 
         Args:
             monitor: its name.
@@ -180,7 +180,7 @@ class PathSearch:
         return _most_used(paths)[:MAX_PATHS]
 
     def _back(self, chain: _Chain, seen: tuple[int, ...]) -> Iterator[_Chain]:
-        """The chains that a publication of the player begins, or a source of a live graph."""
+        """Yield the chains that a publication of the player begins, or a source of a live graph."""
         self._steps += 1
         if self._steps > _MAX_STEPS:
             return
@@ -197,7 +197,7 @@ class PathSearch:
                 yield from self._before(some.only(~begins), (*seen, end))
 
     def _begins(self, sends: Ints) -> Mask:
-        """Which sends a path begins with."""
+        """Return which sends a path begins with."""
         begins = self._harness[sends]
         if self._live:
             first = np.searchsorted(self._causes.send, sends)
@@ -209,7 +209,7 @@ class PathSearch:
         return begins
 
     def _before(self, chain: _Chain, seen: tuple[int, ...]) -> Iterator[_Chain]:
-        """The chains that are longer by the hop that caused their first send."""
+        """Yield the chains that are longer by the hop that caused their first send."""
         events, causes = self._events, self._causes
         send = chain.hops[-1][0]
         first = np.searchsorted(causes.send, send, side="left")
@@ -272,14 +272,14 @@ class PathSearch:
 
 
 def _most_used(paths: list[Path]) -> tuple[Path, ...]:
-    """Those with messages, the one first that most of them took last."""
+    """Return those with messages, the one first that most of them took last."""
     full = [path for path in paths if path.began_ns.size]
     full.sort(key=lambda path: (-int(np.count_nonzero(path.last)), -path.began_ns.size))
     return tuple(full)
 
 
 def _by_count(values: Ints) -> list[int]:
-    """The different values, the most frequent first."""
+    """Return the different values, the most frequent first."""
     found, count = np.unique(values, return_counts=True)
     return [int(value) for value in found[np.argsort(-count, kind="stable")]]
 
@@ -336,7 +336,7 @@ class _Times:
         self._add(number, "callback", np.where(held, other, published))
 
     def _between(self) -> Mask:
-        """Which times are known, and in order."""
+        """Return which times are known, and in order."""
         table = self._table
         number = np.arange(len(table))
         anchors = np.array(self._anchors)
@@ -360,7 +360,7 @@ class _Times:
         return ended
 
     def parts(self, named: Sequence[str], order: Ints) -> tuple[Part, ...]:
-        """The parts, in the order of time.
+        """Return the parts, in the order of time.
 
         Args:
             named: nodes and topics by turns.

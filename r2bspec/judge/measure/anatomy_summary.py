@@ -123,7 +123,7 @@ class AnatomySummary(msgspec.Struct, frozen=True, kw_only=True):
 def summarised(
     found: Anatomy, segment: Segment, record: AnatomyRecord, plan: Plan
 ) -> AnatomySummary:
-    """The anatomy of a segment in few numbers."""
+    """Return the anatomy of a segment in few numbers."""
     paths = [path for paths in found.paths.values() for path in paths]
     on_paths = dict.fromkeys(owner for path in paths for owner in path.hops)
     names = [*(name for name in on_paths if name in found.nodes)]

@@ -31,7 +31,7 @@ class RateEstimate:
     batches: int
 
     def divided_by(self, factor: float) -> RateEstimate:
-        """The rate of groups of this many events."""
+        """Return the rate of groups of this many events."""
         return RateEstimate(self.hz / factor, self.standard_error_hz / factor, self.batches)
 
 
@@ -128,7 +128,7 @@ def delivery(
 
 
 def _player_rate(published: NDArray[np.int64], offered_hz: float) -> float:
-    """The slope of the publication times; the offered rate while there is only one."""
+    """Return the slope of the publication times; the offered rate while there is only one."""
     if published.size < 2:
         return offered_hz
     return 1.0 / _least_squares(published, np.arange(published.size))
@@ -140,7 +140,7 @@ def _stall_span(
     answers: NDArray[np.int64],
     now_ns: int,
 ) -> tuple[int, int] | None:
-    """The span (from, to) that counts if the output has stopped, or None if it has not.
+    """Return the span (from, to) that counts if the output has stopped, or None if it has not.
 
     The output has stopped if the next one is overdue by longer than any output took, and the time
     since the last one is longer than any gap between two. It is not counted past the moment at
@@ -171,7 +171,7 @@ def _stall_span(
 def _event_rate(
     arrived: NDArray[np.int64], index: NDArray[np.int64], stalled: tuple[int, int] | None
 ) -> RateEstimate:
-    """The rate at which `index` advances, bounded by a gap at the end."""
+    """Return the rate at which `index` advances, bounded by a gap at the end."""
     slope = _slope(arrived, index) if arrived.size > 1 else None
     if stalled is None:
         return slope or RateEstimate(0.0, math.inf, 0)
@@ -187,7 +187,7 @@ def _event_rate(
 
 
 def _slope(arrived: NDArray[np.int64], index: NDArray[np.int64]) -> RateEstimate:
-    """The reciprocal least-squares slope, with a standard error by batch means.
+    """Return the reciprocal least-squares slope, with a standard error by batch means.
 
     The residuals of the line are correlated: they are the latencies of neighbours while the
     graph keeps up, and a random walk of service times while it does not. The textbook error of
@@ -211,7 +211,7 @@ def _slope(arrived: NDArray[np.int64], index: NDArray[np.int64]) -> RateEstimate
 
 
 def _least_squares(times_ns: NDArray[np.int64], index: NDArray[np.int64]) -> float:
-    """The slope, in seconds per step, of the least-squares line of times on indices.
+    """Return the slope, in seconds per step, of the least-squares line of times on indices.
 
         slope = sum (i - mean i)(t - mean t) / sum (i - mean i)^2
 
@@ -225,7 +225,7 @@ def _least_squares(times_ns: NDArray[np.int64], index: NDArray[np.int64]) -> flo
 def _batch_slopes(
     times_ns: NDArray[np.int64], index: NDArray[np.int64], batches: int
 ) -> NDArray[np.float64]:
-    """The slope of each of so many batches of successive events (`_least_squares`).
+    """Return the slope of each of so many batches of successive events (`_least_squares`).
 
     They are as long as each other, or longer by one, the longer ones first. All are calculated at
     once, because a search looks at its rates all the time.

@@ -35,7 +35,7 @@ _PERCENTILE = re.compile(r"p(\d{1,2})(?:_(\d{1,4}))?")
 
 
 def quantile(part: str) -> float | None:
-    """The fraction of a percentile's name: ``p99`` is 0.99, ``p99_9`` is 0.999.
+    """Return the fraction of a percentile's name: ``p99`` is 0.99, ``p99_9`` is 0.999.
 
     None if `part` is no percentile; p0 and p00 are none, because they are the minimum.
     """
@@ -72,11 +72,11 @@ TAIL_PERCENTILE: Final = "p99"
 
 
 def part_title(part: str) -> str:
-    """The name of a part as a heading, such as p99.9."""
+    """Return the name of a part as a heading, such as p99.9."""
     return part.replace("_", ".")
 
 
 def part_value(times: Distribution, part: str) -> float | None:
-    """The value of a part, in seconds."""
+    """Return the value of a part, in seconds."""
     value: float | None = getattr(times, part)
     return value

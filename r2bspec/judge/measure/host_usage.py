@@ -56,7 +56,10 @@ MIN_SPACING_NS = 100_000_000
 
 
 def spaced_indices(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The indices of ascending times at least `MIN_SPACING_NS` apart; the last one is kept."""
+    """Return the indices of ascending times at least `MIN_SPACING_NS` apart.
+
+    The last one is kept.
+    """
     kept: list[int] = []
     index, last = 0, times_ns.size - 1
     # A column of a table is not contiguous, and would be copied by each search.
@@ -87,24 +90,24 @@ class ProcessSamples:
         self._last_ns = ordered["time_ns"][ends - 1]
 
     def rows(self, index: int) -> Rows:
-        """The rows of one process in the order of time; none if it was not sampled."""
+        """Return the rows of one process in the order of time; none if it was not sampled."""
         place = self._places.get(index)
         return np.empty(0, RESOURCE_DTYPE) if place is None else self._rows[place]
 
     def count_windows(self, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]) -> int:
-        """How many uses `used` calculates in all windows together, at most."""
+        """Return how many uses `used` calculates in all windows together, at most."""
         begun_before_end = np.searchsorted(np.sort(began_ns), self._last_ns)
         ended_before_begin = np.searchsorted(np.sort(ended_ns), self._first_ns, side="right")
         return int(np.maximum(begun_before_end - ended_before_begin, 0).sum())
 
     def used(self, began_ns: int, ended_ns: int) -> dict[int, ResourceUse]:
-        """What each process used between two times; see `used_in`."""
+        """Return what each process used between two times; see `used_in`."""
         return self.used_in(np.array([began_ns]), np.array([ended_ns]))[0]
 
     def used_in(
         self, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
     ) -> list[dict[int, ResourceUse]]:
-        """What each process used in each of some windows, by its index, ascending.
+        """Return what each process used in each of some windows, by its index, ascending.
 
         With C(t) the processor time used up to t, interpolated linearly between samples,
 
@@ -125,7 +128,7 @@ class ProcessSamples:
     def _windows_of(
         self, index: int, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        """The windows in which a process was sampled."""
+        """Return the windows in which a process was sampled."""
         place = self._places.get(index)
         if place is None or self._rows[place].size < 2:
             return np.empty(0, np.int64)
@@ -135,7 +138,7 @@ class ProcessSamples:
     def used_together(
         self, indices: Sequence[int], began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
     ) -> list[ResourceUse | None]:
-        """What several processes used in each of some windows, as if they were one.
+        """Return what several processes used in each of some windows, as if they were one.
 
         Times of sampling differ by little from process to process: at those of the one that was
         sampled most often, the values of the others are interpolated. So the maxima are those of
@@ -183,7 +186,7 @@ def _summed(found: Sequence[Rows]) -> Rows:
 
 
 def total_use(found: Sequence[ResourceUse]) -> ResourceUse:
-    """What several processes, at least one, used together in one window."""
+    """Return what several processes, at least one, used together in one window."""
     if len(found) == 1:
         return found[0]
     # The busiest moments need not coincide: their sum is an upper bound.
@@ -194,7 +197,7 @@ def total_use(found: Sequence[ResourceUse]) -> ResourceUse:
 def _uses(
     rows: Rows, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
 ) -> list[ResourceUse]:
-    """What one process used in some windows, in each of which it was sampled.
+    """Return what one process used in some windows, in each of which it was sampled.
 
     A run has thousands of windows: all are calculated at once.
     """
@@ -250,7 +253,7 @@ def _busiest(
     end: NDArray[np.int64],
     covered: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """The largest growth per time in some windows; see `ResourceUse`."""
+    """Return the largest growth per time in some windows; see `ResourceUse`."""
     first, past = np.searchsorted(times, start, side="right"), np.searchsorted(times, end)
     gaps = times[1:] - times[:-1]
     near = np.concatenate(([0], np.cumsum(gaps < MIN_SPACING_NS)))
@@ -287,7 +290,10 @@ def _busiest(
 def _largest(
     values: NDArray[Any], first: NDArray[np.int64], past: NDArray[np.int64]
 ) -> NDArray[Any]:
-    """The largest of ``values[first:past]`` for each of some parts; anything for an empty one."""
+    """Return the largest of ``values[first:past]`` for each of some parts.
+
+    Anything for an empty one.
+    """
     ends = np.column_stack((first, np.maximum(first, past))).ravel()
     return np.maximum.reduceat(np.append(values, np.zeros(2, values.dtype)), ends)[::2]
 
@@ -301,7 +307,7 @@ def _around(rows: Rows, began_ns: int, ended_ns: int) -> Rows:
 
 
 def _known(found: Iterable[ResourceUse], name: str) -> list[Any]:
-    """The values of a field that are known."""
+    """Return the values of a field that are known."""
     return [value for one in found if (value := getattr(one, name)) is not None]
 
 
@@ -311,7 +317,10 @@ def _sum(found: Iterable[ResourceUse], name: str) -> float | None:
 
 
 def pool_resource_use(samples: Iterable[ResourceUse | None]) -> ResourceUse | None:
-    """The mean of the means, the largest of the maxima, the sum of the counts; None without any."""
+    """Return the mean of the means, the largest of the maxima, the sum of the counts.
+
+    None without any.
+    """
     known = [sample for sample in samples if sample is not None]
     if not known:
         return None
@@ -350,7 +359,7 @@ _COUNTED: Final = np.dtype(
 def device_use(
     rows: Rows, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64], steps: Sequence[int]
 ) -> list[dict[int, DeviceUse]]:
-    """What devices did in each of some windows, for the machine and for processes on a GPU.
+    """Return what devices did in each of some windows, for the machine and for processes on a GPU.
 
     What is unknown at one sample of a window is unknown in the window.
 
@@ -383,7 +392,7 @@ def device_use(
 
 
 def pool_device_use(samples: Sequence[DeviceUse]) -> DeviceUse:
-    """The means of the means, and the largest of the maxima; what one lacks is unknown."""
+    """Return the means of the means, and the largest of the maxima; what one lacks is unknown."""
 
     def pool(name: str, of: Callable[[list[float]], float]) -> dict[str, float]:
         known = [getattr(sample, name) for sample in samples]
@@ -435,7 +444,7 @@ def host_interference(
     began_ns: NDArray[np.int64],
     ended_ns: NDArray[np.int64],
 ) -> list[HostInterference | None]:
-    """The interference in each of some windows, interpolated linearly between samples.
+    """Return the interference in each of some windows, interpolated linearly between samples.
 
     Args:
         rows: of type `INTERFERENCE_DTYPE`, in order of time.

@@ -68,7 +68,7 @@ class StepRatio:
         return self.outputs / self.inputs
 
     def trigger_steps(self, steps: int) -> NDArray[np.int64]:
-        """The step after which each expected output can come: the last one of its group.
+        """Return the step after which each expected output can come: the last one of its group.
 
         Steps after the last whole group have no expected output.
         """
@@ -80,7 +80,7 @@ ONE_TO_ONE = StepRatio()
 
 
 def ratio_of(plan: MonitorPlan, played_before: int) -> StepRatio:
-    """The ratio of a monitor in a segment.
+    """Return the ratio of a monitor in a segment.
 
     Args:
         plan: the monitor.
@@ -253,7 +253,7 @@ def arrivals(monitor: Rows, match: Matching) -> NDArray[np.int64]:
 
 
 def count_reordered(in_order_of_arrival: NDArray[np.int64]) -> int:
-    """How many outputs arrived after that of a later step.
+    """Return how many outputs arrived after that of a later step.
 
     See RFC 4737, section 3: the step is below the highest one seen before.
     """
@@ -264,7 +264,10 @@ def count_reordered(in_order_of_arrival: NDArray[np.int64]) -> int:
 def _answers_by_order(
     playback: Rows, monitor: Rows, expected: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The number of the expected output that each message is, or `NO_MATCH`; and the surplus."""
+    """Return the number of the expected output that each message is, or `NO_MATCH`.
+
+    And the surplus.
+    """
     answer = np.full(monitor.size, NO_MATCH, dtype=np.int64)
     if not playback.size:
         return answer, np.empty(0, np.int64)
@@ -325,7 +328,7 @@ def _answers_of_groups(
 
 
 def _steps_by_stamp(sent: NDArray[np.int64], received: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The index into `sent` of each stamp in `received`, or `NO_MATCH`."""
+    """Return the index into `sent` of each stamp in `received`, or `NO_MATCH`."""
     if not sent.size:
         return np.full(received.size, NO_MATCH, dtype=np.int64)
     order = np.argsort(sent, kind="stable")
@@ -371,7 +374,7 @@ def live_steps(stamps_ns: NDArray[np.int64], times_ns: NDArray[np.int64]) -> Row
 
 
 def select_expected_steps(playback: Rows, inputs: StepSources, monitor: MonitorPlan) -> Rows:
-    """The steps that count for a monitor.
+    """Return the steps that count for a monitor.
 
     Args:
         playback: rows of type `PLAYBACK_DTYPE`.
@@ -384,7 +387,7 @@ def select_expected_steps(playback: Rows, inputs: StepSources, monitor: MonitorP
 
 
 def input_mask(inputs: StepSources, topics: Sequence[str]) -> int:
-    """The set of the inputs on these topics, as bits."""
+    """Return the set of the inputs on these topics, as bits."""
     return sum(1 << number for number, input_ in enumerate(inputs) if input_.topic in topics)
 
 
@@ -441,7 +444,7 @@ class StepStamps:
         self._steps_ns: NDArray[np.int64] = np.empty(0, dtype=np.int64)
 
     def replace(self, received: Rows, playback: Rows, first: int) -> Rows:
-        """The rows with the stamps of steps where theirs is that of an input of the step.
+        """Return the rows with the stamps of steps where theirs is that of an input of the step.
 
         Args:
             received: rows of type `MONITOR_DTYPE`.
@@ -475,7 +478,10 @@ class StepStamps:
         self._steps_ns = np.insert(self._steps_ns, place, steps_ns)
 
     def _stamps(self, playback: Rows, first: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """The stamps of all inputs of some steps, and for each that of its step; shape (n,)."""
+        """Return the stamps of all inputs of some steps, and for each that of its step.
+
+        Shape (n,).
+        """
         # A timeline begins anew with each playback, a cyclic schedule goes on.
         begin = 0 if self._restarts else first
         places = (begin + np.arange(playback.size)) % len(self._offsets_ns)

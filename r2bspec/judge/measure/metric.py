@@ -322,7 +322,7 @@ class MetricInfo(msgspec.Struct, frozen=True):
         return f"{self.name} {_UNITS_AND_EXAMPLES[self.dimension][1]}".rstrip()
 
     def accepts(self, bound: Bound) -> bool:
-        """Whether a bound has this metric's dimension.
+        """Return whether a bound has this metric's dimension.
 
         'of offered' applies to rates only; 'of baseline' to every metric that has a value in each
         iteration and is not a count.

@@ -69,7 +69,7 @@ class Subjects(msgspec.Struct, frozen=True):
 
     @classmethod
     def of_plan(cls, plan: Plan) -> Subjects:
-        """Those of a run of a plan."""
+        """Return those of a run of a plan."""
         measured = plan.processes_in("measure")
         nodes = dict.fromkeys(node.node for process in measured for node in process.nodes)
         topics = dict.fromkeys(topic.name.removeprefix("/") for topic in plan.topics)
@@ -82,7 +82,7 @@ class Subjects(msgspec.Struct, frozen=True):
         )
 
     def named_by(self, placeholder: str) -> tuple[str, ...]:
-        """The names that a placeholder stands for."""
+        """Return the names that a placeholder stands for."""
         return {
             PROCESS: self.processes,
             NODE: self.nodes,
@@ -173,7 +173,7 @@ def _find(name: str, subjects: Subjects | None) -> MetricInfo | None:
 
 
 def names(subjects: Subjects = NO_SUBJECTS) -> tuple[str, ...]:
-    """The names of all metrics, with those of each process, node and topic written out."""
+    """Return the names of all metrics, with those of each process, node and topic written out."""
     written_out: list[str] = []
     for name, info in listed().items():
         if info.metric.placeholder:
@@ -276,7 +276,7 @@ def modes(metric: Metric) -> tuple[str, ...]:
 
 
 def find_metric(name: str) -> MetricInfo:
-    """The metric of a name, with any monitor, process, node or topic in it.
+    """Return the metric of a name, with any monitor, process, node or topic in it.
 
     Raises:
         MetricError: there is none; with what was probably meant.

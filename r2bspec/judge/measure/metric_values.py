@@ -32,7 +32,7 @@ from r2bspec.judge.measure.times import Seconds, percentile, throughput
 
 
 def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> float | None:
-    """The value of a metric in one segment, in its SI unit; None if it is unknown.
+    """Return the value of a metric in one segment, in its SI unit; None if it is unknown.
 
     In a live run, and of outputs with a pace of their own, every metric that depends on what was
     sent is unknown. So is the latency where outputs are matched by order and one is missing.
@@ -58,14 +58,17 @@ def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples)
 
 
 def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
-    """The value of a metric of scope ``monitor`` for one monitor; see `metric_value`."""
+    """Return the value of a metric of scope ``monitor`` for one monitor; see `metric_value`."""
     if not seen.knows(info.metric):
         return None
     return _value(info, info.metric.read(seen), seen.missed if info.metric.lost_is_slowest else 0)
 
 
 def _measured(info: MetricInfo, samples: SegmentSamples) -> Any:
-    """What a metric that belongs to no monitor is measured of in a segment; None for nothing."""
+    """Return what a metric that belongs to no monitor is measured of in a segment.
+
+    None for nothing.
+    """
     match info.scope:
         case Scope.PLAYBACK:
             return None if samples.live else samples.playback
@@ -86,7 +89,7 @@ def _measured(info: MetricInfo, samples: SegmentSamples) -> Any:
 
 
 def _value(info: MetricInfo, read: Any, lost: int) -> float | None:
-    """The part of what a declaration returned that a metric names."""
+    """Return the part of what a declaration returned that a metric names."""
     if isinstance(read, np.ndarray):
         return time_value(info, read, lost)
     value = read[info.part] if isinstance(read, dict) else read
@@ -94,7 +97,7 @@ def _value(info: MetricInfo, read: Any, lost: int) -> float | None:
 
 
 def time_value(info: MetricInfo, times: Seconds, lost: int) -> float | None:
-    """The part of the distribution of some times that a metric names; see `metric_value`."""
+    """Return the part of the distribution of some times that a metric names; see `metric_value`."""
     if info.quantile is not None:
         return percentile(times, info.quantile, lost)
     if info.part == "max":
@@ -108,7 +111,7 @@ _NOTHING: Final = np.empty(0)
 
 
 def message_values(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> Seconds:
-    """The values of single messages in one segment, in their order, without lost ones."""
+    """Return the values of single messages in one segment, in their order, without lost ones."""
     measured = (
         samples.monitors[monitor or ""] if info.scope is Scope.MONITOR else _measured(info, samples)
     )
@@ -140,7 +143,9 @@ def values_with_lost(
 
 
 def lost_outputs(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> int:
-    """How many expected outputs never came and count as slower than every other; see `Metric`.
+    """Return how many expected outputs never came and count as slower than every other.
+
+    See `Metric`.
 
     An output on a path without the stamp of its input answers none, but it did come.
     """
@@ -173,14 +178,14 @@ class WindowValues:
 
 
 def has_windows(info: MetricInfo) -> bool:
-    """Whether a metric has a value in a window."""
+    """Return whether a metric has a value in a window."""
     return info.metric.in_windows
 
 
 def window_values(
     info: MetricInfo, monitor: str, samples: SegmentSamples, window_ns: int, worst: float
 ) -> WindowValues:
-    """The value of a metric in each window of an iteration.
+    """Return the value of a metric in each window of an iteration.
 
     Args:
         info: a metric for which `has_windows`.
@@ -242,7 +247,7 @@ def _values_where_nothing_is_due(
 
 
 def windows(seen: MonitorSamples, window_ns: int) -> Iterator[MonitorSamples]:
-    """What a monitor received in one iteration, window by window.
+    """Yield what a monitor received in one iteration, window by window.
 
     A window of 1 s at 29.97 Hz has 30 steps or 29, and each is then measured by the time of its
     steps. Without a period, as in a timeline, windows have as many steps as were due in them.

@@ -190,7 +190,7 @@ own source."""
 
 
 def pace_of(mode: str) -> Pace:
-    """What sets the rate of messages in a playback mode."""
+    """Return what sets the rate of messages in a playback mode."""
     paces: dict[str, Pace] = {"timeline": "recording", "live": "source"}
     return paces.get(mode, "rate")
 
@@ -235,7 +235,7 @@ class RunMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def summarise(samples: RunSamples) -> RunMetrics:
-    """The metrics of samples that were read before."""
+    """Return the metrics of samples that were read before."""
     return RunMetrics(
         rates=tuple(
             _measure_rate(rate, iterations, samples.reruns, pace_of(samples.mode))
@@ -248,7 +248,7 @@ def summarise(samples: RunSamples) -> RunMetrics:
 
 
 def measure_segment(samples: SegmentSamples, *, pooled: bool = False) -> SegmentMetrics:
-    """The metrics of one segment, or of the iterations of a rate, pooled.
+    """Return the metrics of one segment, or of the iterations of a rate, pooled.
 
     What would fit the outputs better is only looked for in all of them.
     """
@@ -321,7 +321,7 @@ def _measure_rate(
 
 
 def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spread]:
-    """The range over the iterations of the main metrics."""
+    """Return the range over the iterations of the main metrics."""
     found: dict[str, Spread] = {}
     for info in monitor_metrics():
         values = [iteration.monitors[monitor].value(info) for iteration in iterations]

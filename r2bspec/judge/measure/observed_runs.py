@@ -28,12 +28,12 @@ class ObservedRows:
     record: AnatomyRecord
 
     def joined(self, plan: Plan, segment: Segment) -> Anatomy:
-        """The anatomy of the segment."""
+        """Return the anatomy of the segment."""
         return anatomy(self.record, self.rows, plan, (segment.began_ns, segment.ended_ns))
 
 
 def observed_values(joined: Anatomy) -> dict[str, Seconds]:
-    """What was observed of each node and topic; see `SegmentSamples.anatomy`."""
+    """Return what was observed of each node and topic; see `SegmentSamples.anatomy`."""
     # Requirements name topics without the slash that they begin with.
     return {
         name.replace("path./", "path.").removeprefix("/"): values
@@ -44,7 +44,9 @@ def observed_values(joined: Anatomy) -> dict[str, Seconds]:
 def anatomy_summaries(
     run: Run, known: Mapping[str, AnatomySummary] | None = None
 ) -> tuple[AnatomySummary, ...]:
-    """The anatomy of the last observed iteration at each rate; of several runs that of the last.
+    """Return the anatomy of the last observed iteration at each rate.
+
+    Of several runs that of the last.
 
     A start in which no iteration could be observed has one without paths, which says why.
 
@@ -70,12 +72,12 @@ def anatomy_summaries(
 
 
 def last_run(run: Run) -> Run:
-    """The last of several runs as one; another run itself."""
+    """Return the last of several runs as one; another run itself."""
     return run.runs[-1] if isinstance(run, MergedRun) and run.runs else run
 
 
 def observed_segments(run: Run) -> Iterator[tuple[Segment, AnatomyRecord]]:
-    """The iterations of a run that are summarised, with what was observed in their start."""
+    """Yield the iterations of a run that are summarised, with what was observed in their start."""
     records = {record.start: record for record in run.record.anatomies}
     last = {
         segment.rate_hz: segment
@@ -89,7 +91,7 @@ def observed_segments(run: Run) -> Iterator[tuple[Segment, AnatomyRecord]]:
 
 
 def join_segment(run: Run, segment: Segment, record: AnatomyRecord) -> Anatomy:
-    """The anatomy of a segment of a run.
+    """Return the anatomy of a segment of a run.
 
     Raises:
         RecordError: a file of it is missing or damaged.

@@ -75,7 +75,7 @@ class PaceEvidence:
 
 
 def own_period_s(evidence: Sequence[PaceEvidence], overdue: int = 0) -> float | None:
-    """The period over several segments: the median, if at least half of them have one.
+    """Return the period over several segments: the median, if at least half of them have one.
 
     Where none has enough messages, as of a slow timer, those of all are taken together.
 
@@ -100,7 +100,7 @@ _NEAR_RATIO = 0.05
 
 
 def own_pace_text(period_s: float, input_period_s: float = 0.0) -> str:
-    """What a monitor of such outputs should say, as a sentence that begins in lower case.
+    """Return what a monitor of such outputs should say, as a sentence that begins in lower case.
 
     Args:
         period_s: of the outputs.

@@ -111,7 +111,7 @@ def read_samples(run: Run) -> RunSamples:
 
 
 def _read_process_samples(run: Run) -> ProcessSamples:
-    """What was sampled of the processes in the record, and of the machine.
+    """Return what was sampled of the processes in the record, and of the machine.
 
     Raises:
         RecordError: the file is damaged, or has more processes than can be judged.
@@ -132,7 +132,7 @@ def _read_process_samples(run: Run) -> ProcessSamples:
 
 
 def merged_samples(merged: MergedRun, runs: Sequence[RunSamples]) -> RunSamples:
-    """The samples of a merged run, from those of its runs.
+    """Return the samples of a merged run, from those of its runs.
 
     Args:
         merged: the run.
@@ -163,7 +163,7 @@ def _run_samples(
     sustained: Mapping[float, SegmentSamples],
     reruns: Mapping[str, SegmentSamples],
 ) -> RunSamples:
-    """The samples of a run, or of a session of it, from those of its segments.
+    """Return the samples of a run, or of a session of it, from those of its segments.
 
     Args:
         record: of the run.
@@ -206,7 +206,7 @@ class _PlayedStamps:
         return stamps, began[first]
 
     def before(self, began_ns: int, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which of some stamps were played in segments that began earlier."""
+        """Return which of some stamps were played in segments that began earlier."""
         played, began = self._first_played
         if not played.size:
             return np.zeros(stamps.size, np.bool_)
@@ -237,7 +237,7 @@ def _read_rows(run: Run, segment: Segment, played: _PlayedStamps) -> SegmentRows
 
 
 def _observed_rows(run: Run, segment: Segment) -> ObservedRows | None:
-    """What was observed from inside in a segment.
+    """Return what was observed from inside in a segment.
 
     Raises:
         RecordError: its file is missing or damaged.
@@ -248,7 +248,7 @@ def _observed_rows(run: Run, segment: Segment) -> ObservedRows | None:
 
 
 def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Rows, Rows, Matching]:
-    """The steps of a segment that count for a monitor, what it received, and how they match.
+    """Return the steps of a segment that count for a monitor, what it received, and how they match.
 
     In a live segment, in which nothing is played, each message is its own step, published when its
     source stamped it; there are none if that is not known.
@@ -270,7 +270,9 @@ def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Row
 def match_monitors(
     plan: Plan, segment: Segment, playback: Rows, received: Mapping[str, Rows]
 ) -> dict[str, MatchedMonitor]:
-    """How the outputs of each monitor match the steps of a segment; nothing if the graph is live.
+    """Return how the outputs of each monitor match the steps of a segment.
+
+    Nothing if the graph is live.
 
     Args:
         plan: of the run.
@@ -293,7 +295,7 @@ def segment_samples(
     rows: SegmentRows,
     matched: Mapping[str, MatchedMonitor] | None = None,
 ) -> SegmentSamples:
-    """The samples of one segment, without those of processes and of the host.
+    """Return the samples of one segment, without those of processes and of the host.
 
     Args:
         plan: of the run.
@@ -418,7 +420,7 @@ def _by_name(
 
 
 def _ranks(processes: tuple[ProcessRecord, ...]) -> dict[str, int]:
-    """The place of each name of a process: those of the harness first.
+    """Return the place of each name of a process: those of the harness first.
 
     The order in which processes are started says nothing: some are started ahead of their turn.
     """
@@ -433,7 +435,7 @@ def run_samples(
     samples_of: Callable[[Segment], SegmentSamples],
     host: HostSamples,
 ) -> RunSamples:
-    """The samples of all complete iterations and sustained probes of a run.
+    """Return the samples of all complete iterations and sustained probes of a run.
 
     Args:
         record: of the run so far.
@@ -449,7 +451,7 @@ def run_samples(
     def session(
         record: RunRecord, iterations: list[Segment], sustained: list[Segment]
     ) -> RunSamples:
-        """The samples of the complete ones among some segments, played in one session."""
+        """Return the samples of the complete ones among some segments, played in one session."""
 
         def of_segment(segment: Segment) -> SegmentSamples:
             return replace(samples_of(segment), **used[segment.id])
@@ -504,7 +506,7 @@ def hop_samples(
     seen: Rows,
     matched: Matching,
 ) -> tuple[HopSamples, ...]:
-    """The hops of the path to a monitor, in one segment.
+    """Return the hops of the path to a monitor, in one segment.
 
     A tap whose messages have no header is left out, and its two hops are merged.
 

@@ -99,7 +99,7 @@ class Span:
         return np.concatenate((intervals(arrived), seconds(ends)))
 
     def throughput_of(self, outputs: Rows) -> float:
-        """The throughput; see `r2bspec.judge.measure.times.throughput`."""
+        """Return the throughput; see `r2bspec.judge.measure.times.throughput`."""
         arrived = _arrived(outputs)
         if self.given_hz is not None or not arrived.size:
             return self.given_hz or 0.0
@@ -335,7 +335,7 @@ class MonitorSamples:
     def _times(
         self, of: Callable[[Rows, Span], Seconds], known: NDArray[np.bool_] | None = None
     ) -> Seconds:
-        """The times of each span, one after the other."""
+        """Return the times of each span, one after the other."""
         found = []
         for outputs, span in self._by_span(known):
             times = of(outputs, span)
@@ -343,7 +343,7 @@ class MonitorSamples:
         return found[0] if len(found) == 1 else np.concatenate([_NOTHING, *found])
 
     def _by_span(self, known: NDArray[np.bool_] | None = None) -> Iterator[tuple[Rows, Span]]:
-        """The expected outputs of each span, or those of them that are known."""
+        """Yield the expected outputs of each span, or those of them that are known."""
         outputs = self.outputs if known is None else self.outputs[known]
         edges = np.searchsorted(outputs["span"], np.arange(len(self.spans) + 1))
         for number, span in enumerate(self.spans):
@@ -381,11 +381,11 @@ class MonitorSamples:
         return f"outputs are matched by order, and {found}" if found else ""
 
     def knows(self, metric: Metric) -> bool:
-        """Whether a metric is known of these outputs."""
+        """Return whether a metric is known of these outputs."""
         return metric.known_of(self.kind) and not (metric.of_pairs and self.unknown_latency)
 
     def reports(self, metric: Metric) -> bool:
-        """Whether results have a metric of outputs of this kind."""
+        """Return whether results have a metric of outputs of this kind."""
         return self.kind in metric.reported_of
 
     @property

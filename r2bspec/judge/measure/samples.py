@@ -40,7 +40,7 @@ class HopSamples:
 
 
 def pool_hops(iterations: Sequence[Iterable[HopSamples]]) -> tuple[HopSamples, ...]:
-    """Each hop over several iterations: messages pooled, counts added."""
+    """Return each hop over several iterations: messages pooled, counts added."""
     found: dict[tuple[str, str], list[HopSamples]] = {}
     for hops in iterations:
         for hop in hops:
@@ -57,7 +57,10 @@ def pool_hops(iterations: Sequence[Iterable[HopSamples]]) -> tuple[HopSamples, .
 
 
 def known_latencies(seen: Sequence[MonitorSamples]) -> Seconds:
-    """The latencies of a monitor over several iterations; none if those of one are unknown."""
+    """Return the latencies of a monitor over several iterations.
+
+    None if those of one are unknown.
+    """
     if any(sample.unknown_latency for sample in seen):
         return np.empty(0)
     return np.concatenate([sample.latency for sample in seen])
@@ -168,7 +171,7 @@ class RunSamples:
         return {one.segment.id: one.summary for one in played if one.summary is not None}
 
     def iterations_at(self, at_hz: float | None) -> tuple[SegmentSamples, ...]:
-        """The iterations at a rate; none if there is no rate."""
+        """Return the iterations at a rate; none if there is no rate."""
         if at_hz is None:
             return ()
         rates = self.iterations.items()
@@ -184,7 +187,7 @@ class RunSamples:
         return next(of_kind, None)
 
     def with_each(self, change: Callable[[SegmentSamples], SegmentSamples | None]) -> RunSamples:
-        """The run with each iteration as it is changed, without those that become None."""
+        """Return the run with each iteration as it is changed, without those that become None."""
         iterations = {
             rate: tuple(one for one in map(change, played) if one is not None)
             for rate, played in self.iterations.items()
@@ -193,12 +196,12 @@ class RunSamples:
 
 
 def starts_of(iterations: Sequence[SegmentSamples]) -> tuple[int, ...]:
-    """The start of the graph's processes that each iteration was played in."""
+    """Return the start of the graph's processes that each iteration was played in."""
     return tuple(iteration.segment.start for iteration in iterations)
 
 
 def playback_samples(playback: Rows) -> PlaybackSamples:
-    """What was played: rows of type `PLAYBACK_DTYPE`, one per step."""
+    """Return what was played: rows of type `PLAYBACK_DTYPE`, one per step."""
     return PlaybackSamples(
         sent=int(playback.size),
         rate_hz=mean_rate(playback["published_ns"]),
@@ -245,7 +248,7 @@ def pool_segments(samples: Sequence[SegmentSamples]) -> SegmentSamples:
 
 
 def pool_playback(samples: Sequence[PlaybackSamples]) -> PlaybackSamples:
-    """The playback of several iterations, at least one; its rate is the mean of theirs."""
+    """Return the playback of several iterations, at least one; its rate is the mean of theirs."""
     return PlaybackSamples(
         sent=sum(sample.sent for sample in samples),
         rate_hz=sum(sample.rate_hz for sample in samples) / len(samples),

@@ -108,7 +108,7 @@ def faster_half(values: Seconds) -> Seconds:
 
 
 def percentile(values: NDArray[np.float64], q: float, lost: int = 0) -> float | None:
-    """The value at or below which a fraction `q` of all messages lies.
+    """Return the value at or below which a fraction `q` of all messages lies.
 
     Nearest rank, which is the inverse of the empirical distribution function: with the n values
     in ascending order, followed by `lost` times infinity, it is the k-th, where
@@ -135,7 +135,7 @@ def percentile(values: NDArray[np.float64], q: float, lost: int = 0) -> float | 
 
 
 def rank(q: float, n: int) -> int:
-    """The smallest k of 1..n with k / n >= q, without rounding errors.
+    """Return the smallest k of 1..n with k / n >= q, without rounding errors.
 
     0.07 x 100 is 7.000000000000001 in binary floating point; the tolerance keeps it 7.
     """

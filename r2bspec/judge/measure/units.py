@@ -73,7 +73,7 @@ def show_range(low: float, high: float, unit: str) -> str:
 
 
 def unit_scale(unit: str, name: str) -> float:
-    """The factor from a number with the unit `name` to `unit`."""
+    """Return the factor from a number with the unit `name` to `unit`."""
     factors = {
         label: factor for factor, label in (*_TIMES, *_SIZES, *_POWERS, *_ENERGIES, *_FREQUENCIES)
     }
@@ -94,7 +94,7 @@ def _scaled(value: float, scales: tuple[tuple[float, str], ...], digits: int) ->
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """A number with so many significant digits, no exponent, and no trailing zeros."""
+    """Return a number with so many significant digits, no exponent, and no trailing zeros."""
     if value == 0:
         return "0"
     decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))

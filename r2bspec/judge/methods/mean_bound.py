@@ -101,7 +101,7 @@ def judge_mean(case: RequirementCase, record: RunRecord) -> Decision:
 
 
 def _possible(sample: HierarchicalInterval, values: Sequence[float]) -> HierarchicalInterval:
-    """The interval without what no such mean can be: below 0, where none of its values is.
+    """Return the interval without what no such mean can be: below 0, where none of its values is.
 
     It covers the truth as often, as the truth is not in what is left out.
     """

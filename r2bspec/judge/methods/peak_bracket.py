@@ -118,7 +118,7 @@ def bracket_confidence(search: SearchRecord) -> str:
 
 
 def _at_least(case: RequirementCase, lower: float | None) -> bool:
-    """Whether every rate of the bracket lies on the high side of the limit."""
+    """Return whether every rate of the bracket lies on the high side of the limit."""
     if lower is None:
         return False
     # '<' and '>=' share one boundary, '<=' and '>' the other.
@@ -154,7 +154,7 @@ def _kept(search: SearchRecord) -> str:
 
 
 def peak_doubts(search: SearchRecord) -> tuple[str, ...]:
-    """Why a bracket has no confidence, without full stops; empty if it has."""
+    """Return why a bracket has no confidence, without full stops; empty if it has."""
     doubts: list[str] = []
     if search.proof == "open":
         doubts.append("No rate was confirmed when it was played whole")
@@ -170,7 +170,7 @@ def peak_doubts(search: SearchRecord) -> tuple[str, ...]:
 
 
 def _undecided_text(search: SearchRecord) -> str:
-    """The undecided rates between the ends of the bracket."""
+    """Return the undecided rates between the ends of the bracket."""
     rates = search.open_hz
     if not rates:
         return ""
@@ -179,7 +179,7 @@ def _undecided_text(search: SearchRecord) -> str:
 
 
 def _interference_text(search: SearchRecord) -> str:
-    """What others did while rates in the bracket, or above it, were probed."""
+    """Return what others did while rates in the bracket, or above it, were probed."""
     if search.limited_by != "interference":
         return ""
     return f"during the probes above it {', '.join(search.disturbed)}"
@@ -210,7 +210,7 @@ _MIN_OUTPUTS = 20
 
 
 def with_refuted_peak(samples: RunSamples) -> RunSamples:
-    """The samples, with the refutation of the peak in their record if there is one."""
+    """Return the samples, with the refutation of the peak in their record if there is one."""
     search = samples.record.search
     if search is None or search.holds_hz is None or search.refuted or not search.proof:
         return samples

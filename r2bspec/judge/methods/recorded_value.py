@@ -61,14 +61,14 @@ def judge_observation(case: RequirementCase, record: RunRecord) -> Decision:
 
 
 def observed_value(case: RequirementCase) -> float | None:
-    """The value over all iterations: extremes of extremes, sums of counts, means of all."""
+    """Return the value over all iterations: extremes of extremes, sums of counts, means of all."""
     if case.info.scope is Scope.ANATOMY:
         return time_value(case.info, np.concatenate(case.message_values), case.lost)
     return metric_value(case.info, case.monitor, pool_segments(case.iterations))
 
 
 def _count_messages(case: RequirementCase) -> int:
-    """The number of observed messages; for processes, which have none, of iterations."""
+    """Return the number of observed messages; for processes, which have none, of iterations."""
     info = case.info
     if info.scope is Scope.PLAYBACK:
         return sum(iteration.playback.sent for iteration in case.iterations)
@@ -80,7 +80,7 @@ def _count_messages(case: RequirementCase) -> int:
 
 
 def _bounds_single_messages(case: RequirementCase, seen: float) -> bool:
-    """Whether the observation is that no single message broke the bound."""
+    """Return whether the observation is that no single message broke the bound."""
     info = case.info
     if not info.scope.of_messages:
         return False

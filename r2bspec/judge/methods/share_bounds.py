@@ -105,7 +105,7 @@ def _tested(case: RequirementCase, allowed: float) -> ShareLimit:
 def decision_by_share(
     test: ShareTest, outcome: Outcome, *, method: Method = "exact binomial", **details: Any
 ) -> Decision:
-    """The decision that a binomial test makes; `details` are further fields of it."""
+    """Return the decision that a binomial test makes; `details` are further fields of it."""
     return Decision(
         outcome=outcome,
         method=method,
@@ -282,7 +282,7 @@ def _without_lost(
     found: list[WindowValues],
     decision: Decision,
 ) -> Decision:
-    """The answer with regard to lost outputs, which the mean latency of a window leaves out.
+    """Return the answer with regard to lost outputs, which the mean latency of a window leaves out.
 
     Windows that lost more than 1 % may be slower than their means: a PASS must allow for that.
     """
@@ -367,7 +367,7 @@ _MIN_WHOLE_COUNT = 10
 
 
 def counted_noun(case: RequirementCase) -> str:
-    """What is counted for a metric, in the plural."""
+    """Return what is counted for a metric, in the plural."""
     if case.in_windows:
         return f"windows of {show(case.requirement.window_ns / 1e9, 's')}"
     return case.info.metric.noun
@@ -426,11 +426,11 @@ def _wrong_side(case: RequirementCase, test: ShareTest) -> str:
 
 
 def _percent(share: float) -> str:
-    """A share with two digits; a share below 1 is never written as 100 %."""
+    """Return a share with two digits; a share below 1 is never written as 100 %."""
     text = show(share, "share", 2)
     return text if text != "100 %" or share == 1 else show(min(share, 0.999), "share")
 
 
 def counts_decide(test: ShareTest) -> bool:
-    """Whether the counts alone decide."""
+    """Return whether the counts alone decide."""
     return test.upper <= test.allowed or test.lower > test.allowed

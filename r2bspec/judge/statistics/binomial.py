@@ -27,7 +27,7 @@ from collections.abc import Callable
 
 
 def upper_bound(k: float, n: float, confidence: float) -> float:
-    """The one-sided upper Clopper-Pearson bound: the p with P(X <= k | p) = 1 - confidence.
+    """Return the one-sided upper Clopper-Pearson bound: the p with P(X <= k | p) = 1 - confidence.
 
     It is the `confidence` quantile of Beta(k + 1, n - k), and 1 for k = n.
     """
@@ -39,7 +39,7 @@ def upper_bound(k: float, n: float, confidence: float) -> float:
 
 
 def lower_bound(k: float, n: float, confidence: float) -> float:
-    """The one-sided lower Clopper-Pearson bound: the p with P(X >= k | p) = 1 - confidence.
+    """Return the one-sided lower Clopper-Pearson bound: the p with P(X >= k | p) = 1 - confidence.
 
     It is the 1 - `confidence` quantile of Beta(k, n - k + 1), and 0 for k = 0.
     """

@@ -14,7 +14,7 @@ import math
 
 
 def zero_failure_bound(n: int, confidence: float) -> float:
-    """The upper bound on the share of failures after n messages without one.
+    """Return the upper bound on the share of failures after n messages without one.
 
     At 95 % it is close to 3/n, the rule of three, because -ln 0.05 = 2.996.
 
@@ -26,7 +26,7 @@ def zero_failure_bound(n: int, confidence: float) -> float:
 
 
 def min_sample_size(max_share: float, confidence: float) -> int | None:
-    """The fewest messages, none over the bound, that prove a share of at most `max_share`.
+    """Return the fewest messages, none over the bound, that prove a share of at most `max_share`.
 
     For p99 (1 %) and p90 (10 %) they are 299 and 29 at 95 %, 459 and 44 at 99 %.
 

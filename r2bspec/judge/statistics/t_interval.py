@@ -105,7 +105,7 @@ def scatter_level(confidence: float, *, of_shares: bool = False) -> float:
 
 
 def t_quantile(freedom: float, confidence: float) -> float:
-    """The quantile of Student's t."""
+    """Return the quantile of Student's t."""
     from scipy.special import stdtrit
 
     return float(stdtrit(freedom, confidence))
@@ -139,7 +139,7 @@ def mean_interval(
     confidence: float,
     resolution: float = 0.0,
 ) -> MeanInterval:
-    """The mean of `values` with one-sided bounds on the true mean.
+    """Return the mean of `values` with one-sided bounds on the true mean.
 
     Args:
         values: one for each iteration, at least two.
@@ -173,7 +173,7 @@ class HierarchicalInterval:
 def hierarchical_interval(
     values: Sequence[float], starts: Sequence[int], confidence: float, resolution: float = 0.0
 ) -> HierarchicalInterval:
-    """The wider interval of starts and iterations.
+    """Return the wider interval of starts and iterations.
 
     Args:
         values: one for each iteration, at least two, in the order of time.
@@ -256,7 +256,7 @@ def pair_orders(pairs: int, seed: int, session: int = 0) -> tuple[PairOrder, ...
 def paired_ratio(
     base: Sequence[float], head: Sequence[float], confidence: float, resolution: float = 0.0
 ) -> RatioInterval:
-    """The ratio head / base of paired values with its one-sided bounds.
+    """Return the ratio head / base of paired values with its one-sided bounds.
 
     Args:
         base: one positive value for each pair, at least two.
@@ -275,7 +275,7 @@ def paired_ratio(
 
 
 def welch_ratio(base: Sequence[float], head: Sequence[float], confidence: float) -> RatioInterval:
-    """The ratio head / base of two runs with its one-sided bounds.
+    """Return the ratio head / base of two runs with its one-sided bounds.
 
     Args:
         base: one positive value for each iteration of the base, at least two.

@@ -24,7 +24,7 @@ _NAME = re.compile(r"^name: .*$", re.MULTILINE)
 
 @cache
 def templates() -> dict[str, str]:
-    """The text of every template, by name."""
+    """Return the text of every template, by name."""
     template_files = sorted(files(__name__).iterdir(), key=lambda file: file.name)
     return {
         file.name.removesuffix(SUFFIX): file.read_text(encoding="utf-8")
@@ -34,7 +34,7 @@ def templates() -> dict[str, str]:
 
 
 def purpose(text: str) -> str:
-    """The purpose of a template: the first sentence of its first comment."""
+    """Return the purpose of a template: the first sentence of its first comment."""
     lines = [line.removeprefix("#").strip() for line in text.split("\n\n")[0].splitlines()]
     return " ".join(lines).split(". ")[0].removesuffix(".")
 
@@ -55,7 +55,7 @@ def node_key(target: str, name: str = "") -> str:
 
 
 def has_node(template: str) -> bool:
-    """Whether a template has a Python node under test."""
+    """Return whether a template has a Python node under test."""
     return _NODE.search(template) is not None
 
 
@@ -75,7 +75,7 @@ _EDITORS = "# Completion and checks in editors: 'r2bspec docs editors'"
 
 
 def filled(template: str, name: str | None, schema: str) -> str:
-    """The content of a spec made from a template.
+    """Return the content of a spec made from a template.
 
     Args:
         template: the template's text.

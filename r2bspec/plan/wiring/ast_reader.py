@@ -77,7 +77,7 @@ _HELPERS: Final[Mapping[str, _Helper]] = {
 
 
 def unknown_interface(why: str) -> InterfaceEntry:
-    """The interface of a node of which nothing is known, and why."""
+    """Return the interface of a node of which nothing is known, and why."""
     return InterfaceEntry(
         None, None, None, origin="source", may_publish_more=why, may_subscribe_more=why
     )
@@ -89,7 +89,7 @@ def read_node_class(
     path: Path | None = None,
     read: python_files.ReadSource = lambda _: None,
 ) -> InterfaceEntry:
-    """The interface of a class of a file, or of the function that makes a node of one.
+    """Return the interface of a class of a file, or of the function that makes a node of one.
 
     Args:
         tree: of the file.
@@ -107,7 +107,10 @@ def read_node_class(
 
 
 def _started_class(file: python_files.SourceFile, name: str) -> _Class | str:
-    """The class that a name means, or of which a function makes its node; otherwise why not."""
+    """Return the class that a name means, or of which a function makes its node.
+
+    Otherwise why not.
+    """
     found = python_files.find_definition(file, name)
     if found is None:
         return f"{name} is not a class of its file"
@@ -131,7 +134,7 @@ def _started_class(file: python_files.SourceFile, name: str) -> _Class | str:
 
 
 def _class_and_bases(found: _Class) -> Iterator[_Class]:
-    """A class, and the base classes that can be read, the nearest first."""
+    """Yield a class, and the base classes that can be read, the nearest first."""
     for _ in range(MAX_BASE_CLASSES):
         yield found
         match found.node:
@@ -145,13 +148,16 @@ def _class_and_bases(found: _Class) -> Iterator[_Class]:
 
 
 def _base_name(found: _Class) -> str:
-    """The full name of the only base class; empty if there are others or it is not imported."""
+    """Return the full name of the only base class.
+
+    Empty if there are others or it is not imported.
+    """
     bases = found.node.bases if isinstance(found.node, ast.ClassDef) else []
     return found.file.names.full_name(bases[0]) if len(bases) == 1 else ""
 
 
 def _is_node(found: _Class) -> bool:
-    """Whether the class creates something of a node, or inherits from its class."""
+    """Return whether the class creates something of a node, or inherits from its class."""
     for definition in _class_and_bases(found):
         if _base_name(definition) in _NODES | _LIFECYCLE_NODES:
             return True
@@ -329,7 +335,7 @@ class _Reading:
                     self._doubt(side, f"the default of parameter {name!r} is no literal")
 
     def entry(self) -> InterfaceEntry:
-        """The interface."""
+        """Return the interface."""
         self._settle_parameters_in_topics()
         return InterfaceEntry(
             subscribes=self._topics["subscribes"],
@@ -351,14 +357,17 @@ def _has_read_base(found: _Class) -> bool:
 
 
 def _is_self(node: ast.AST) -> bool:
-    """Whether an expression is `self`, or a call of `super`."""
+    """Return whether an expression is `self`, or a call of `super`."""
     if isinstance(node, ast.Call):
         return isinstance(node.func, ast.Name) and node.func.id == "super"
     return isinstance(node, ast.Name) and node.id == "self"
 
 
 def _method_of_self(call: ast.Call) -> str:
-    """The method of ``self.method(...)`` or ``super().method(...)``; empty for any other call."""
+    """Return the method of ``self.method(...)`` or ``super().method(...)``.
+
+    Empty for any other call.
+    """
     called = call.func
     return called.attr if isinstance(called, ast.Attribute) and _is_self(called.value) else ""
 
@@ -380,7 +389,7 @@ def _publishes(
 
 
 def _passes_node(call: ast.Call) -> bool:
-    """Whether `self` is an argument of a call, other than of `super`."""
+    """Return whether `self` is an argument of a call, other than of `super`."""
     arguments = (*call.args, *(keyword.value for keyword in call.keywords))
     return not _is_self(call) and any(
         isinstance(argument, ast.Name) and argument.id == "self" for argument in arguments
@@ -388,7 +397,7 @@ def _passes_node(call: ast.Call) -> bool:
 
 
 def _argument(call: ast.Call, position: int, name: str) -> ast.expr | None:
-    """An argument by its position or its name; None if it is not given, or by ``*``."""
+    """Return an argument by its position or its name; None if it is not given, or by ``*``."""
     if any(isinstance(argument, ast.Starred) for argument in call.args):
         return None
     if len(call.args) > position:
@@ -422,7 +431,10 @@ def _single_values(top: ast.AST, statements: Iterable[ast.AST] = ()) -> dict[str
 def _text(
     node: ast.expr | None, names: SourceNames, values: Mapping[str, ast.expr | None]
 ) -> str | None:
-    """The text that an expression means, or ``$(parameter NAME)``; None if it is no literal."""
+    """Return the text that an expression means, or ``$(parameter NAME)``.
+
+    None if it is no literal.
+    """
     for _ in range(_MAX_STEPS):
         match node:
             case ast.Name(id=name):
@@ -437,7 +449,7 @@ def _text(
 
 
 def _parameter(node: ast.expr | None, values: Mapping[str, ast.expr | None]) -> str | None:
-    """The reference to a parameter that an expression is, or whose value it is."""
+    """Return the reference to a parameter that an expression is, or whose value it is."""
     for _ in range(_MAX_STEPS):
         match node:
             case ast.Name(id=name):
@@ -456,7 +468,7 @@ def _parameter(node: ast.expr | None, values: Mapping[str, ast.expr | None]) -> 
 def _interface_type(
     given: ast.expr | None, names: SourceNames, kind: Literal["msg", "srv", "action"] = "msg"
 ) -> str:
-    """The type of this kind that a class stands for; empty if the text does not say it."""
+    """Return the type of this kind that a class stands for; empty if the text does not say it."""
     if given is None:
         return ""
     package, middle, name = (["", "", *names.full_name(given).split(".")])[-3:]

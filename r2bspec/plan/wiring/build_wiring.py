@@ -68,7 +68,7 @@ def build_wiring(
 
 
 def _has_ros_settings(node: Node) -> bool:
-    """Whether the spec has settings of a node that need a ROS process.
+    """Return whether the spec has settings of a node that need a ROS process.
 
     A `command` without such settings may be any program, and is run exactly as written.
     """
@@ -144,7 +144,7 @@ def _data_endpoints(
 
 
 def _transform_endpoints(spec: Spec, owner: str) -> Iterator[WiredEndpoint]:
-    """The recorded transforms, if the spec publishes them."""
+    """Yield the recorded transforms, if the spec publishes them."""
     loader = spec.data_loader
     static = QoS(durability="transient_local", depth=1)
     for enabled, topic, qos in (

@@ -61,7 +61,7 @@ NO_COMPANION_FILES = CompanionFiles()
 
 
 def interface_file(base_dir: Path, node: str) -> Path:
-    """The path of the recorded interface of a node."""
+    """Return the path of the recorded interface of a node."""
     return base_dir / INTERFACES_FOLDER / f"{node}.yaml"
 
 
@@ -95,7 +95,7 @@ class CompanionReader:
         self._effort = ParameterEffort()
 
     def read(self, spec: Spec) -> CompanionFiles:
-        """The companion files of one case."""
+        """Return the companion files of one case."""
         interfaces: dict[str, InterfaceEntry] = {}
         interface_errors: dict[str, str] = {}
         sources: dict[str, InterfaceEntry] = {}
@@ -132,7 +132,7 @@ class CompanionReader:
 def _read_interface(
     base_dir: Path, budget: safe_file.ByteBudget, key: str
 ) -> InterfaceEntry | str | None:
-    """The recorded interface of a node, why it cannot be used, or None if there is none."""
+    """Return the recorded interface of a node, why it cannot be used, or None if there is none."""
     file = interface_file(base_dir, key)
     try:
         text = safe_file.read_text(

@@ -62,7 +62,7 @@ def source_script(folder: Path, package: str, executable: str) -> tuple[Path, st
 
 
 def _folders(top: Path) -> Iterator[Path]:
-    """The folders below one that may hold packages, in order, the nearest first."""
+    """Yield the folders below one that may hold packages, in order, the nearest first."""
     waiting = [(top, 0)]
     for seen, (folder, depth) in enumerate(waiting):
         if seen > _MAX_FOLDERS:
@@ -88,7 +88,7 @@ def _text(folder: Path, name: str) -> str:
 
 
 def _script_lines(folder: Path, package: str) -> Iterator[str]:
-    """The lines ``name = module:function`` of the source of a package."""
+    """Yield the lines ``name = module:function`` of the source of a package."""
     import configparser
     import tomllib
 
@@ -107,7 +107,10 @@ def _script_lines(folder: Path, package: str) -> Iterator[str]:
 
 
 def _lines_of_setup(text: str, package: str) -> Iterator[str]:
-    """The literal console scripts of a ``setup.py``; a name in an f-string is the package's."""
+    """Yield the literal console scripts of a ``setup.py``.
+
+    A name in an f-string is the package's.
+    """
     try:
         tree = ast.parse(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError):

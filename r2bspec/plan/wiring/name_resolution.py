@@ -38,19 +38,19 @@ def join_namespaces(outer: str, inner: str) -> str:
 
 
 def is_node_parameter(name: str) -> bool:
-    """Whether a parameter is one that every node has, or one for the QoS of its topics."""
+    """Return whether a parameter is one that every node has, or one for the QoS of its topics."""
     return name in {"use_sim_time", "start_type_description_service"} or name.startswith(
         "qos_overrides."
     )
 
 
 def node_name(node: str, namespace: str) -> str:
-    """The full name of a node in an absolute namespace."""
+    """Return the full name of a node in an absolute namespace."""
     return f"{'' if namespace == '/' else namespace}/{node}"
 
 
 def expand(name: str, node: str, namespace: str) -> str:
-    """The absolute form of a topic name that a node uses.
+    """Return the absolute form of a topic name that a node uses.
 
     Args:
         name: as in the code of the node.
@@ -83,11 +83,11 @@ class Remapper:
             self._first.setdefault(self.full(left), left)
 
     def full(self, name: str) -> str:
-        """The full name of a topic of the node before remapping."""
+        """Return the full name of a topic of the node before remapping."""
         return expand(name, self._node, self._namespace)
 
     def resolve(self, name: str) -> ResolvedName:
-        """The topic of the node after its remapping rules."""
+        """Return the topic of the node after its remapping rules."""
         full = self.full(name)
         left = self._first.get(full)
         if left is None:

@@ -41,7 +41,7 @@ class RecordOrigin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
 
 
 def node_target(node: Node) -> str:
-    """A node as the spec names it."""
+    """Return a node as the spec names it."""
     if node.package:
         return f"{node.package} {node.plugin or node.executable}"
     import shlex
@@ -73,7 +73,7 @@ def _files(node: Node) -> Iterator[str]:
 
 
 def origin_difference(origin: RecordOrigin, node: Node, base_dir: Path) -> str:
-    """Why a recorded interface is not that of a node; empty if it may be.
+    """Return why a recorded interface is not that of a node; empty if it may be.
 
     The version of a package is not compared here: it differs between machines.
     """
@@ -206,7 +206,7 @@ InterfaceTable = Mapping[str, InterfaceEntry]
 
 @cache
 def reference_node_interfaces() -> InterfaceTable:
-    """The table of the reference nodes, by their Python paths."""
+    """Return the table of the reference nodes, by their Python paths."""
     return read_interface_table(_TABLE)
 
 
@@ -223,7 +223,7 @@ def read_interface_table(
 def parse_interface_entry(
     row: Any, origin: InterfaceSource = "table", described_package: str = ""
 ) -> InterfaceEntry:
-    """A row of an interface file.
+    """Return a row of an interface file.
 
     Raises:
         msgspec.ValidationError: the row is invalid.
@@ -242,7 +242,7 @@ def interface_of(
     names: Remapper,
     parameters: Mapping[str, ParameterValue],
 ) -> Interface:
-    """The interface of a node; each part is from the first source that describes it.
+    """Return the interface of a node; each part is from the first source that describes it.
 
     Args:
         node: the node as the spec has it.
@@ -299,7 +299,7 @@ def _topics(
 
 
 def _derived_topic(name: str, names: Remapper) -> str:
-    """The name of a derived topic: in the namespace to which its base is remapped."""
+    """Return the name of a derived topic: in the namespace to which its base is remapped."""
     derived = _DERIVED_TOPIC.fullmatch(name)
     if derived is None:
         return name
@@ -347,13 +347,13 @@ ROS_DISTRIBUTION = "ROS 2 Jazzy"
 
 @cache
 def catalogue_packages() -> frozenset[str]:
-    """The packages in the catalogue."""
+    """Return the packages in the catalogue."""
     return frozenset(file.stem for file in _FOLDER.glob("*.yaml"))
 
 
 @cache
 def catalogue_nodes(package: str) -> InterfaceTable:
-    """The nodes of a package by plugin; empty if the catalogue does not have the package."""
+    """Return the nodes of a package by plugin; empty if the catalogue does not have the package."""
     if package not in catalogue_packages():
         return {}
     described_package = f"{package} of {ROS_DISTRIBUTION}"
@@ -363,7 +363,7 @@ def catalogue_nodes(package: str) -> InterfaceTable:
 
 
 def catalogue_entry(node: Node) -> InterfaceEntry | None:
-    """The catalogue entry of a node, if there is one."""
+    """Return the catalogue entry of a node, if there is one."""
     if not node.package:
         return None
     entries = catalogue_nodes(node.package)

@@ -149,7 +149,7 @@ class ParameterEffort:
         self._left = limits.MAX_VALUES_OF_CASES
 
     def limited(self, file: ParameterFile, number_of_nodes: int) -> ParameterFile:
-        """The file, or why it cannot be used by that many nodes of one more case.
+        """Return the file, or why it cannot be used by that many nodes of one more case.
 
         Each node gets values of its own.
         """
@@ -204,7 +204,7 @@ def _flatten(
 
 @lru_cache(maxsize=1000)
 def _key_pattern(key: str) -> LinePattern:
-    """Whether a full node name matches a key with wildcards, in time linear in the name."""
+    """Return whether a full node name matches a key with wildcards, in time linear in the name."""
     tokens = (
         "(?:/[^/]*)*" if part == "**" else "/" + "[^/]+".join(map(re.escape, part.split("*")))
         for part in key.split("/")[1:]
@@ -217,7 +217,7 @@ def _key_pattern(key: str) -> LinePattern:
 
 
 def node_key_matches(key: str, full_name: str) -> bool:
-    """Whether a node key of a `ParameterFile` matches a full node name.
+    """Return whether a node key of a `ParameterFile` matches a full node name.
 
     ``*`` is one character or more of a token, and ``**`` any number of tokens.
     """
@@ -227,7 +227,7 @@ def node_key_matches(key: str, full_name: str) -> bool:
 def merged_parameters(
     node: Node, full_name: str, files: Mapping[str, ParameterFile]
 ) -> dict[str, ParameterValue]:
-    """The parameters of a node: files and values merged in the order in which they apply.
+    """Return the parameters of a node: files and values merged in the order in which they apply.
 
     Args:
         node: the node in the spec.

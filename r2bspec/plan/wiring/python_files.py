@@ -35,13 +35,13 @@ def source_folder(base_dir: Path) -> Path:
 
 
 def _find_workspace(base_dir: Path) -> Path | None:
-    """The innermost folder around a spec whose ``src`` has a package; None without one."""
+    """Return the innermost folder around a spec whose ``src`` has a package; None without one."""
     start = safe_file.real_path(base_dir)
     return next((top for top in (start, *start.parents) if _has_packages(top / "src")), None)
 
 
 def _has_packages(folder: Path) -> bool:
-    """Whether a folder of a folder is a package, or a repository of packages."""
+    """Return whether a folder of a folder is a package, or a repository of packages."""
     places = [folder / name for name in safe_file.names_if_any(folder)[:_MAX_FOLDERS]]
     inner = (place / name for place in places for name in safe_file.names_if_any(place))
     deeper = itertools.islice(inner, _MAX_FOLDERS)
@@ -63,7 +63,9 @@ class PackageModule(NamedTuple):
 
 
 def module_of(file: Path) -> PackageModule:
-    """The name of a file as a module; its folders up to the first without ``__init__.py`` count.
+    """Return the name of a file as a module.
+
+    Its folders up to the first without ``__init__.py`` count.
 
     Args:
         file: absolute, without links. A ``__init__.py`` is the module of its folder's name.
@@ -82,7 +84,7 @@ def module_of(file: Path) -> PackageModule:
 def read_python_file(
     source: Path, folder: Path | None = None, budget: safe_file.ByteBudget | None = None
 ) -> ast.Module | None:
-    """The syntax tree of a Python file, or None if it cannot be read.
+    """Return the syntax tree of a Python file, or None if it cannot be read.
 
     Args:
         source: the file.
@@ -101,7 +103,7 @@ def read_python_file(
 
 @lru_cache(maxsize=8)
 def _parsed(content: bytes) -> ast.Module:
-    """The tree of a text that many specs name, or that an editor reads again and again."""
+    """Return the tree of a text that many specs name, or that an editor reads again and again."""
     return ast.parse(content)
 
 
@@ -131,12 +133,12 @@ class Definition(NamedTuple):
 def source_file(
     tree: ast.Module, path: Path | None = None, read: ReadSource = lambda _: None
 ) -> SourceFile:
-    """A file with its names."""
+    """Return a file with its names."""
     return SourceFile(tree, SourceNames(tree), path, read)
 
 
 def find_definition(file: SourceFile, name: str) -> Definition | None:
-    """What a name at the top level of a file means, also if the file imports it."""
+    """Return what a name at the top level of a file means, also if the file imports it."""
     for _ in range(MAX_BASE_CLASSES):
         found = file.names.definition(name)
         if found is not None:
@@ -149,7 +151,7 @@ def find_definition(file: SourceFile, name: str) -> Definition | None:
 
 
 def find_constant(file: SourceFile, name: str) -> tuple[SourceFile, ast.expr] | None:
-    """The value of a variable at the top level of a file, also if the file imports it."""
+    """Return the value of a variable at the top level of a file, also if the file imports it."""
     for _ in range(MAX_BASE_CLASSES):
         if (value := file.names.constant(name)) is not None:
             return file, value
@@ -161,7 +163,7 @@ def find_constant(file: SourceFile, name: str) -> tuple[SourceFile, ast.expr] | 
 
 
 def _imported(file: SourceFile, name: str) -> tuple[SourceFile, str] | None:
-    """The file from which a name is imported, and its name there."""
+    """Return the file from which a name is imported, and its name there."""
     origin = file.names.imported_from(name)
     path = None if origin is None or file.path is None else _module_file(file.path, *origin[:2])
     tree = None if path is None else file.read(path)
@@ -171,7 +173,7 @@ def _imported(file: SourceFile, name: str) -> tuple[SourceFile, str] | None:
 
 
 def _module_file(importing: Path, level: int, module: str) -> Path | None:
-    """The file of a module of the same package, or beside it; None if there is none."""
+    """Return the file of a module of the same package, or beside it; None if there is none."""
     folder = importing.parent if level else module_of(importing).folder
     for _ in range(level - 1):
         folder = folder.parent

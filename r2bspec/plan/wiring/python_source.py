@@ -84,7 +84,10 @@ class SourceNames:
         return None
 
     def full_name(self, node: ast.expr) -> str:
-        """The full name of an imported object, such as ``rclpy.node.Node``; empty if unknown."""
+        """Return the full name of an imported object, such as ``rclpy.node.Node``.
+
+        Empty if unknown.
+        """
         if isinstance(node, ast.Attribute):
             above = self.full_name(node.value)
             return f"{above}.{node.attr}" if above else ""
@@ -96,7 +99,7 @@ class SourceNames:
 
 
 def bound_names(node: ast.AST) -> Iterator[str]:
-    """The names that a node binds, other than by an import."""
+    """Yield the names that a node binds, other than by an import."""
     match node:
         case ast.Name(id=name, ctx=ast.Store() | ast.Del()):
             yield name
@@ -140,7 +143,10 @@ KEYWORDS = NodeStart()
 
 
 def read_node_start(tree: ast.Module, name: str) -> NodeStart | None:
-    """How the class or function `name` of a file is started; None if the file does not say."""
+    """Return how the class or function `name` of a file is started.
+
+    None if the file does not say.
+    """
     names = SourceNames(tree)
     match definition := names.definition(name):
         case ast.FunctionDef(decorator_list=[]):
@@ -154,7 +160,7 @@ def read_node_start(tree: ast.Module, name: str) -> NodeStart | None:
 
 
 def _constructor(names: SourceNames, found: ast.ClassDef) -> ast.FunctionDef | None:
-    """The ``__init__`` of a class or of its base classes in the same file."""
+    """Return the ``__init__`` of a class or of its base classes in the same file."""
     for _ in range(MAX_BASE_CLASSES):
         if found.decorator_list or found.keywords:
             return None
@@ -172,7 +178,7 @@ def _constructor(names: SourceNames, found: ast.ClassDef) -> ast.FunctionDef | N
 
 
 def _start(arguments: ast.arguments, bound: int) -> NodeStart:
-    """The start of a callable; its first `bound` parameters are not the caller's."""
+    """Return the start of a callable; its first `bound` parameters are not the caller's."""
     names = {parameter.arg for parameter in (*arguments.args[bound:], *arguments.kwonlyargs)}
     required = _required(arguments, bound)
     if arguments.kwarg is None and not names.issuperset(KEYWORD_ARGUMENTS):
@@ -181,7 +187,7 @@ def _start(arguments: ast.arguments, bound: int) -> NodeStart:
 
 
 def _required(arguments: ast.arguments, bound: int) -> tuple[str, ...]:
-    """The names of the parameters without defaults."""
+    """Return the names of the parameters without defaults."""
     positional = [*arguments.posonlyargs, *arguments.args]
     without_default = positional[bound : len(positional) - len(arguments.defaults)]
     keyword_only = [
@@ -193,7 +199,7 @@ def _required(arguments: ast.arguments, bound: int) -> tuple[str, ...]:
 
 
 def is_program(function: ast.FunctionDef) -> bool:
-    """Whether a function initialises ROS itself and returns no node."""
+    """Return whether a function initialises ROS itself and returns no node."""
     nodes = list(own_nodes(function.body))
     returned = (node.value for node in nodes if isinstance(node, ast.Return))
     called = (node.func for node in nodes if isinstance(node, ast.Call))
@@ -204,7 +210,7 @@ _NESTED_SCOPES = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda, ast.ClassDe
 
 
 def own_nodes(statements: Iterable[ast.AST]) -> Iterator[ast.AST]:
-    """The nodes of statements, without those of nested functions and classes.
+    """Yield the nodes of statements, without those of nested functions and classes.
 
     Without recursion: each `elif` is one level deeper than the one before.
     """
@@ -217,7 +223,7 @@ def own_nodes(statements: Iterable[ast.AST]) -> Iterator[ast.AST]:
 
 
 def returned_value(definition: ast.stmt) -> ast.expr | None:
-    """What a function returns; None without a single ``return``."""
+    """Return what a function returns; None without a single ``return``."""
     body = definition.body if isinstance(definition, ast.FunctionDef) else []
     match [node for node in own_nodes(body) if isinstance(node, ast.Return)]:
         case [only]:

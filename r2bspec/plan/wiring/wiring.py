@@ -158,7 +158,7 @@ class PhaseWiring:
         return {node.name: node for node in self.nodes}
 
     def node(self, owner: str) -> NodeWiring | None:
-        """The node with that full name; None for a part of the harness."""
+        """Return the node with that full name; None for a part of the harness."""
         return self._by_name.get(owner)
 
     @cached_property
@@ -217,5 +217,5 @@ class Wiring(msgspec.Struct, frozen=True):
         return (self.preprocess, self.measure)
 
     def topic(self, name: str) -> str:
-        """The full name of a topic that the spec names outside of a node."""
+        """Return the full name of a topic that the spec names outside of a node."""
         return expand(name, "", self.namespace)

@@ -58,7 +58,7 @@ _ZERO_ROTATION = re.compile(r"rotate\(-?0(?:\.0*)?[ )]")
 def inline(
     svg: str, name: str, title: str, description: str, data: Mapping[str, str], labels: list[str]
 ) -> str:
-    """An SVG document as an element of an HTML page.
+    """Return an SVG document as an element of an HTML page.
 
     Args:
         svg: from the library.
@@ -248,17 +248,20 @@ class ChartBuilder:
 
 
 def colour(number: int) -> str:
-    """The colour of a series; they repeat after six, and line styles tell them apart, too."""
+    """Return the colour of a series.
+
+    They repeat after six, and line styles tell them apart, too.
+    """
     return SERIES[number % len(SERIES)]
 
 
 def line_style(number: int) -> Any:
-    """The line style of a series, to distinguish it not by colour alone."""
+    """Return the line style of a series, to distinguish it not by colour alone."""
     return _STYLES[number % len(_STYLES)]
 
 
 def marker(number: int) -> str:
-    """The marker of a series."""
+    """Return the marker of a series."""
     return _MARKS[number % len(_MARKS)]
 
 
@@ -321,7 +324,7 @@ def draw(
 
 
 def _scale(axes: Axes, height_in: float, x_unit: str, y_unit: str) -> dict[str, Any]:
-    """The position of the axes, in points, and the values of their ends."""
+    """Return the position of the axes, in points, and the values of their ends."""
     box = axes.get_position()
     wide, high = WIDTH_IN * _POINTS_PER_INCH, height_in * _POINTS_PER_INCH
     return {

@@ -52,7 +52,7 @@ class Rectangle:
         return self.y + self.height / 2
 
     def contains(self, x: float, y: float) -> bool:
-        """Whether a point is inside, or too close."""
+        """Return whether a point is inside, or too close."""
         return (
             self.x - _CLEARANCE < x < self.right + _CLEARANCE
             and self.y - _CLEARANCE < y < self.bottom + _CLEARANCE
@@ -65,7 +65,7 @@ Point = tuple[float, float]
 def route(
     tail: Rectangle, head: Rectangle, boxes: Iterable[Rectangle], gap: float, row_gap: float
 ) -> str:
-    """The path of an arrow, as SVG has it.
+    """Return the path of an arrow, as SVG has it.
 
     Args:
         tail: where it begins.
@@ -101,7 +101,7 @@ def route(
 
 
 def _lanes(boxes: Sequence[Rectangle], wanted: float, row_gap: float) -> list[float]:
-    """The heights between rows, those nearest to the direct way first."""
+    """Return the heights between rows, those nearest to the direct way first."""
     heights = {box.y - row_gap / 2 for box in boxes}
     heights |= {box.bottom + row_gap / 2 for box in boxes}
     return sorted(heights, key=lambda height: (abs(height - wanted), height))
@@ -282,7 +282,7 @@ def _layers(
 
 
 def _layer_indices(names: list[str], feeds: list[tuple[str, str]]) -> dict[str, int]:
-    """The layer of each box; the boxes of a cycle share a layer."""
+    """Return the layer of each box; the boxes of a cycle share a layer."""
     import networkx as nx
 
     graph: nx.DiGraph[str] = nx.DiGraph()

@@ -30,7 +30,10 @@ StepLatencies = NDArray[np.float64]
 
 
 def step_latencies(seen: MonitorSamples) -> StepLatencies:
-    """The latencies of the expected outputs of one segment at one monitor; none if unknown."""
+    """Return the latencies of the expected outputs of one segment at one monitor.
+
+    None if unknown.
+    """
     latencies = seen.latency
     if seen.unknown_latency or (seen.own_pace and not latencies.size):
         return np.empty(0)
@@ -38,7 +41,10 @@ def step_latencies(seen: MonitorSamples) -> StepLatencies:
 
 
 def has_latencies(samples: RunSamples, monitor: str) -> bool:
-    """Whether outputs with a latency were expected of a monitor; those of a timer have none."""
+    """Return whether outputs with a latency were expected of a monitor.
+
+    Those of a timer have none.
+    """
     segments = (segment for played in samples.iterations.values() for segment in played)
     return any(step_latencies(segment.monitors[monitor]).size for segment in segments)
 
@@ -137,7 +143,7 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
 def _pooled(
     iterations: tuple[SegmentSamples, ...], monitor: str
 ) -> tuple[NDArray[np.float64], int]:
-    """All latencies at a rate in ascending order, and how many messages were lost."""
+    """Return all latencies at a rate in ascending order, and how many messages were lost."""
     seen = [iteration.monitors[monitor] for iteration in iterations]
     values = np.sort(known_latencies(seen))
     return values, sum(sample.missed for sample in seen)
@@ -175,7 +181,7 @@ def _curve(
 
 
 def _ranks(n: int) -> NDArray[np.int64]:
-    """The ranks to draw, denser near the largest."""
+    """Return the ranks to draw, denser near the largest."""
     if n <= _CURVE_POINTS:
         return np.arange(1, n + 1)
     from_end = np.unique(np.geomspace(1, n, _CURVE_POINTS).astype(np.int64))
@@ -183,7 +189,10 @@ def _ranks(n: int) -> NDArray[np.int64]:
 
 
 def _is_drawn(one: RequirementVerdict) -> bool:
-    """Whether it is a limit of a percentile of the latency; that of a ratio is on no axis."""
+    """Return whether it is a limit of a percentile of the latency.
+
+    That of a ratio is on no axis.
+    """
     if one.compared is not None:
         return False
     family, _, part = one.metric.rpartition(".")
@@ -192,7 +201,7 @@ def _is_drawn(one: RequirementVerdict) -> bool:
 
 
 def _place(one: RequirementVerdict) -> tuple[float, float]:
-    """Where the limit is on the axes: its percentile, and the limit in ms."""
+    """Return where the limit is on the axes: its percentile, and the limit in ms."""
     q = quantile(one.metric.rpartition(".")[2])
     return 1 / (1 - (q or 0.0)), (one.limit or 0.0) * 1e3
 
@@ -245,7 +254,7 @@ _WORST_FIRST = ("fail", "inconclusive", "pass")
 
 
 def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> Chart:
-    """A row for each offered rate; iterations follow each other from left to right.
+    """Return a row for each offered rate; iterations follow each other from left to right.
 
     See `percentile_chart`.
     """

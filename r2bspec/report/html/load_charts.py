@@ -363,7 +363,7 @@ def _grouped(rows: Rows) -> tuple[Rows, NDArray[np.int64], int]:
 
 
 def _percent(seconds: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The growth of a number of seconds, in percent of the time."""
+    """Return the growth of a number of seconds, in percent of the time."""
     spans = np.diff(times)
     grown = np.diff(seconds) * 100
     return np.asarray(np.divide(grown, spans, where=spans > 0, out=np.zeros(spans.size)))
@@ -375,7 +375,7 @@ def _means(values: NDArray[np.float64], ends: NDArray[np.int64]) -> NDArray[np.f
 
 
 def _run_phases(run: Run, end_ns: int) -> list[tuple[str, int, int]]:
-    """Each phase with its beginning and its end."""
+    """Return each phase with its beginning and its end."""
     begun = [
         (text.removeprefix("phase "), at_ns)
         for at_ns, text in run.record.events

@@ -27,7 +27,7 @@ _COLOURS: Final = {"transport": "s2", "wait": "s1", "held": "s1", "callback": "s
 
 
 def waterfalls(result: Result) -> Iterator[Chart]:
-    """A chart of each path, those first that most messages took last."""
+    """Yield a chart of each path, those first that most messages took last."""
     found = [
         (anatomy, path) for anatomy in anatomy_table.anatomies_of(result) for path in anatomy.paths
     ]
