@@ -258,16 +258,3 @@ def _metric(
         values=tuple(values),
         changes=tuple(sorted(changes, key=lambda change: change.after)),
     )
-
-
-def slowdowns(history: History, margin: float) -> Iterator[tuple[MetricHistory, Change]]:
-    """Yield what got worse by more than a share at its last change, in the newest environment."""
-    newest = history.results[-1].environment
-    for metric in history.metrics:
-        changes = [
-            change
-            for change in metric.changes
-            if history.results[change.after].environment == newest
-        ]
-        if changes and changes[-1].outcome == "worse" and abs(changes[-1].ratio or 1) > margin:
-            yield metric, changes[-1]

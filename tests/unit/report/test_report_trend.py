@@ -19,7 +19,7 @@ from git_repositories import commit as commit_files
 from git_repositories import git
 from histories import commit, noisy, result_of_commit, some_result, write_history
 from page_blocks import ROOT
-from r2bspec.compare.history import History, read_histories, slowdowns
+from r2bspec.compare.history import History, read_histories
 from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.result import Result
 from r2bspec.report.trend_document import render
@@ -148,13 +148,6 @@ def test_json_has_every_value_and_change(slower: Path) -> None:
     (p50,) = (metric for metric in found["metrics"] if metric["metric"] == P50)
     assert len(p50["values"]) == 40
     assert p50["changes"][0]["confidence"] > 0.999
-
-
-def test_what_got_worse_last_is_a_slowdown(slower: Path) -> None:
-    names = {metric.metric for metric, _ in slowdowns(history(slower), 0.05)}
-    assert P50 in names
-    assert "throughput.mean" not in names
-    assert [*slowdowns(history(slower), 0.5)] == []
 
 
 def test_a_history_has_no_report_of_a_single_run(call: Call, slower: Path, tmp_path: Path) -> None:
