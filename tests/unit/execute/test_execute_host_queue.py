@@ -195,12 +195,14 @@ def test_a_full_disk_is_named(call: str, monkeypatch: pytest.MonkeyPatch) -> Non
             )
     if call != "open":
         monkeypatch.setattr(os, call, full)
+    # With the variable that is undone below, too.
+    folder = queue_folder()
     with (
         pytest.raises(UnwritableRunError, match="No space left on device") as caught,
         host_to_itself("mine", on_wait=never),
     ):
         pytest.fail("there is no queue")
-    assert str(queue_folder()) in str(caught.value)
+    assert str(folder) in str(caught.value)
     assert "--no-lock" in caught.value.hint
     monkeypatch.undo()
-    assert not queue_folder().is_dir() or list(queue_folder().iterdir()) == []
+    assert not folder.is_dir() or list(folder.iterdir()) == []
