@@ -302,6 +302,7 @@ def draw(
     """Draw a chart: `paint` gets an empty figure and fills it."""
     _load_matplotlib()
     import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
     with matplotlib.rc_context(_SETTINGS), warnings.catch_warnings():
@@ -311,11 +312,11 @@ def draw(
         paint(sketch)
         buffer = io.StringIO()
         metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-        # Once is enough: an engine that stays lays out twice, and draws all in between.
+        # Not `savefig`, which draws everything twice to lay it out.
         if (engine := sketch.figure.get_layout_engine()) is not None:
             engine.execute(sketch.figure)
             sketch.figure.set_layout_engine("none")
-        sketch.figure.savefig(buffer, format="svg", metadata=metadata)
+        FigureCanvasSVG(sketch.figure).print_svg(buffer, metadata=metadata)
         axes = [_scale(axes, height_in, *units) for axes, *units in sketch.scales]
     title, description = printable(title), printable(description)
     data = {"data-axes": json.dumps(axes, separators=(",", ":"))}
