@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
+from statistics import median
 from typing import Final
 
 import msgspec
@@ -30,8 +31,8 @@ TREND_FORMATS: Final = ("text", "json", "markdown", "html", "csv")
 """By the names of the formats of a run."""
 
 _BARS: Final = "▁▂▃▄▅▆▇█"
-_SHOWN_RESULTS: Final = 30
-"""The newest ones, in a line of text."""
+_MOST_BARS: Final = 30
+"""In a line of text."""
 
 _MAX_LEFT_OUT: Final = 10
 _COLUMNS: Final = (
@@ -140,9 +141,13 @@ def _row(history: History, metric: MetricHistory) -> Row:
         Cell(show(metric.last, metric.unit), metric.last),
         Cell(_growth_text(metric.changes[-1]) if metric.changes else ""),
     )
-    texts = tuple(_change_text(history, metric, one) for one in metric.changes)
+    texts = "; ".join(_change_text(history, metric, one) for one in metric.changes)
     outcome = {"worse": "fail", "improved": "pass"}
-    return Row(cells, texts, outcome[metric.changes[-1].outcome] if metric.changes else "")
+    return Row(
+        cells,
+        (texts,) if texts else (),
+        outcome[metric.changes[-1].outcome] if metric.changes else "",
+    )
 
 
 def _growth_text(change: Change) -> str:
@@ -164,15 +169,21 @@ def _change_text(history: History, metric: MetricHistory, change: Change) -> str
 
 
 def _sparkline(history: History, metric: MetricHistory) -> str:
-    """Return the newest values as bars, with a line before each new environment."""
-    first = max(0, len(metric.values) - _SHOWN_RESULTS)
-    known = [value for value in metric.values[first:] if value is not None]
-    low, high = min(known, default=0.0), max(known, default=0.0)
-    seen = {history.results[first].environment}
+    """Return medians of equal stretches as bars, with a line before each new environment."""
+    size = -(-len(metric.values) // _MOST_BARS)
+    firsts = range(0, len(metric.values), size)
+    medians = []
+    for first in firsts:
+        known = [value for value in metric.values[first : first + size] if value is not None]
+        medians.append(median(known) if known else None)
+    low = min((value for value in medians if value is not None), default=0.0)
+    high = max((value for value in medians if value is not None), default=0.0)
+    seen = {history.results[0].environment}
     bars = []
-    for value, result in zip(metric.values[first:], history.results[first:], strict=True):
-        if result.environment not in seen:
-            seen.add(result.environment)
+    for first, value in zip(firsts, medians, strict=True):
+        environments = {one.environment for one in history.results[first : first + size]}
+        if environments - seen:
+            seen |= environments
             bars.append("│")
         level = (value - low) / (high - low) if value is not None and high > low else 0.0
         bars.append(" " if value is None else _BARS[round(level * (len(_BARS) - 1))])
