@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 _MAX_MARKED: Final = 200
 """Results whose values have marks; of more, a line."""
 
+_LINE_PT: Final = 10
+"""Of a label."""
+
 _TICKS: Final = 8
 _COLOURS: Final = {"worse": "bad", "improved": "good"}
 
@@ -66,15 +69,15 @@ def trend_chart(
         axes.margins(y=0.25)
         axes.set_xlim(-1, len(metric.values))
         _breaks(axes, history)
-        for change, label in zip(metric.changes, labels, strict=True):
+        for place, (change, label) in enumerate(zip(metric.changes, labels, strict=True)):
             ink = PALETTE[_COLOURS[change.outcome]]
             axes.axvline(change.after - 0.5, color=ink, linewidth=1)
             is_late = change.after > len(metric.values) / 2
-            place = {"xycoords": ("data", "axes fraction"), "va": "top"}
-            side = {"ha": "right" if is_late else "left", **place}
-            chart.write(
-                axes, label, (change.after - 0.5, 1), (-3 if is_late else 3, 0), ink, **side
-            )
+            side = {"ha": "right" if is_late else "left", "va": "top"}
+            # Neighbours stand on different lines.
+            offset = (-3 if is_late else 3, -_LINE_PT * (place % 3))
+            top = (change.after - 0.5, 1)
+            chart.write(axes, label, top, offset, ink, xycoords=("data", "axes fraction"), **side)
         step = max(1, -(-len(metric.values) // _TICKS))
         places = range(0, len(metric.values), step)
         axes.set_xticks(places, [printable(history.results[place].called) for place in places])
