@@ -41,8 +41,8 @@ WEAKER_GATE: Final = "R2B692"
 MISSING_OBJECTIVES: Final = "R2B693"
 
 GATED: Final = (
-    *("requires", "transport", "harness", "data_loader", "preprocessors", "playback", "monitors"),
-    "benchmark",
+    *("requires", "transport", "network", "harness", "data_loader", "preprocessors", "playback"),
+    *("monitors", "benchmark"),
 )
 """The sections that decide how a graph is loaded, measured and judged; objectives apart."""
 

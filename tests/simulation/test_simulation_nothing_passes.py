@@ -17,9 +17,8 @@ pytestmark = pytest.mark.simulation
 
 BOUNDS = {"time": "1000 s", "rate": "0.001 Hz", "share": "100 %", "size": "9000 GiB", "count": "0"}
 METRICS = [name for name in names() if name not in {"sustained", "peak.rate", "sent"}]
-OF_MONITOR = [
-    name for name in METRICS if not name.startswith(("playback", "cpu", "memory", "work"))
-]
+OF_PROCESSES = ("playback", "cpu", "memory", "work", "gpu", "power", "energy")
+OF_MONITOR = [name for name in METRICS if not name.startswith(OF_PROCESSES)]
 
 
 def bounds(metric: str) -> list[str]:
