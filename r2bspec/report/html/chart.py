@@ -316,7 +316,8 @@ def draw(
         if (engine := sketch.figure.get_layout_engine()) is not None:
             engine.execute(sketch.figure)
             sketch.figure.set_layout_engine("none")
-        FigureCanvasSVG(sketch.figure).print_svg(buffer, metadata=metadata)
+        canvas: Any = FigureCanvasSVG(sketch.figure)
+        canvas.print_svg(buffer, metadata=metadata)
         axes = [_scale(axes, height_in, *units) for axes, *units in sketch.scales]
     title, description = printable(title), printable(description)
     data = {"data-axes": json.dumps(axes, separators=(",", ":"))}
