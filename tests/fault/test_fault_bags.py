@@ -145,7 +145,7 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
     "an empty file": (
         lambda at: _made(at.with_suffix(".mcap"), Path.touch),
         "R2B304",
-        "does not begin like an MCAP file",
+        "it is empty, as after a crash of the recorder",
     ),
     "a device": (lambda _: Path("/dev/null"), "R2B304", "neither a bag folder nor"),
     "nothing there": (lambda at: at, "R2B301", "does not exist"),

@@ -361,6 +361,7 @@ def test_a_node_that_does_not_come_up_ends_the_run(bench: Bench, kind: str) -> N
     record = done.run().record
     assert record.status == "incomplete"
     code, _, reason = record.reason.partition("\n")[0].partition(": ")
+    reason = reason.removesuffix("; its last output:")
     assert f"error[{code_with_slug(code)}]: {reason}" in done.error
     assert words in done.error
     assert log in done.log("relay")
