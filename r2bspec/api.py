@@ -175,7 +175,7 @@ def prepare_loaded(loaded: LoadedSpec, *, smoke: bool = False) -> PreparedBenchm
 
 
 def _stored_plan(selection: SpecSelection, *, smoke: bool) -> PreparedBenchmark:
-    """Return the plan that a file has, with the resolved spec where that is beside it."""
+    """Return the plan in a file, and the resolved spec if the same folder has it."""
     from r2bspec.plan.canonical_json import read_plan
     from r2bspec.record.run_folder import read_spec_text
 

@@ -104,8 +104,7 @@ def _right_stamps(
     alike = {topic: each for topic, each in times.items() if each.is_stuck == times[lead].is_stuck}
     recorded_ns = [each.recorded_ns for each in alike.values()]
     ahead_ns = clock_ahead(recorded_ns, [each.stamps_ns for each in alike.values()], 0)
-    # A tenth of a millisecond is more than enough, and reads better.
-    by_ns = {topic: round(value, -5) for topic, value in zip(alike, ahead_ns, strict=True)}
+    by_ns = dict(zip(alike, ahead_ns, strict=True))
     for topic, each in alike.items():
         is_late = (
             abs(by_ns[topic] - by_ns[lead]) < LONGEST_DELAY_NS

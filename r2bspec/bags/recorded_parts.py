@@ -28,7 +28,8 @@ class RecordedParts:
     """A recording with gaps, each longer than all that was recorded before and after it.
 
     Attributes:
-        gaps_ns: their lengths, the longest one first; further ones are inside of the larger part.
+        gaps_ns: the lengths of the gaps. The first gap is the longest; each further gap is in the
+            larger part of the recording that the gap before it leaves.
         is_after: whether the larger part is after the first gap.
         window: the part with more messages, at most a millisecond longer.
         total: the number of messages of the recording.

@@ -466,8 +466,7 @@ def clocks_ahead(times: Mapping[str, TopicTimes], slop_ns: int) -> dict[str, Dur
         return {}
     recorded_ns = [each.recorded_ns for each in times.values()]
     ahead_ns = clock_ahead(recorded_ns, [each.stamps_ns for each in times.values()], slop_ns)
-    # A tenth of a millisecond is more than enough, and reads better.
-    return {name: Duration(round(by_ns, -5)) for name, by_ns in zip(times, ahead_ns, strict=True)}
+    return {name: Duration(by_ns) for name, by_ns in zip(times, ahead_ns, strict=True)}
 
 
 _MIN_ESTIMATED_MESSAGES = 5

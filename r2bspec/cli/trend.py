@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,6 +56,6 @@ def command(
             write_report(request.path, render(request.format, histories, left_out))
             continue
         for history in histories:
-            one = replace(request, path=request.path.replace(NAME_FIELD, history.name))
-            write_report(one.path, render(one.format, [history], left_out))
+            path = request.path.replace(NAME_FIELD, history.name)
+            write_report(path, render(request.format, [history], left_out))
     return ExitStatus.OK

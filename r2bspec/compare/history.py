@@ -114,11 +114,15 @@ class History(msgspec.Struct, frozen=True, kw_only=True):
     environments: tuple[dict[str, str], ...]
     metrics: tuple[MetricHistory, ...]
 
+    def first_of(self, environment: int) -> int:
+        """Return the index of the first result of an environment."""
+        return next(
+            place for place, result in enumerate(self.results) if result.environment == environment
+        )
+
     def environment_change(self, index: int) -> str:
         """Return what is new in an environment compared with that of the result before it."""
-        first = next(
-            place for place, result in enumerate(self.results) if result.environment == index
-        )
+        first = self.first_of(index)
         if not first:
             return ""
         before = self.environments[self.results[first - 1].environment]
@@ -215,12 +219,15 @@ def _history(name: str, found: Sequence[tuple[str, Result]]) -> History:
 def _environment(result: Result, compared: ComparedResult) -> dict[str, str]:
     machine = {name: str(value) for name in MACHINE_FACTS if (value := result.machine.get(name))}
     # The data as a digest of few digits; how it was played changes what is measured, too.
-    beside = "by turns" if result.pairs is not None and result.pairs.by_turns else "in pairs"
+    if result.pairs is None:
+        played = "alone"
+    else:
+        played = "by turns" if result.pairs.by_turns else "in pairs"
     return {
         **machine,
         **result.versions,
         "data": (compared.dataset or "unknown")[:12],
-        "played": "alone" if result.pairs is None else beside,
+        "played": played,
     }
 
 

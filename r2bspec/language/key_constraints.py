@@ -314,9 +314,8 @@ def _arrivals(document: _Document, mode: str) -> Iterator[Diagnostic]:
     if kind in {"jitter", "dropout"} and "share" not in document.keys(*path):
         yield document.error(path, f"{kind} needs a share", "add 'share: 20 %'", "R2B118")
     with contextlib.suppress(QuantityError):
-        share = Share.parse(document.word(*path, "share")).fraction
-        if share > (MAX_DROPOUT if kind == "dropout" else 1.0):
-            most = Share(MAX_DROPOUT if kind == "dropout" else 1.0)
+        most = Share(MAX_DROPOUT if kind == "dropout" else 1.0)
+        if Share.parse(document.word(*path, "share")).fraction > most.fraction:
             yield document.error((*path, "share"), f"the share is more than {most}", "reduce it")
 
 

@@ -97,7 +97,7 @@ def _nearest(stamp: _Stamp, among: Sequence[_Stamp]) -> _Stamp:
 def clock_ahead(
     recorded_ns: Sequence[Sequence[int]], stamps_ns: Sequence[Sequence[int]], slop_ns: int
 ) -> tuple[int, ...]:
-    """Return how far the clock of each input is ahead of the clock that is furthest behind, in ns.
+    """Return how far the clock of each input is ahead of the clock that is furthest behind.
 
     A message and the message of another input that was recorded nearest to it have stamps whose
     difference is that of their clocks, if most pairs agree within half a period.
@@ -108,7 +108,8 @@ def clock_ahead(
         slop_ns: differences of clocks up to this are none.
 
     Returns:
-        For each input; all 0 where no constant difference explains the stamps.
+        For each input in ns, to a tenth of a millisecond; all 0 where no constant difference
+        explains the stamps.
     """
     lead = min(range(len(recorded_ns)), key=lambda number: len(recorded_ns[number]))
     if len(recorded_ns[lead]) < 3:
@@ -131,7 +132,8 @@ def clock_ahead(
         ahead.append(middle)
     behind = min(ahead)
     return tuple(
-        value - behind if value - behind > max(slop_ns, period_ns / 2) else 0 for value in ahead
+        round(value - behind, -5) if value - behind > max(slop_ns, period_ns / 2) else 0
+        for value in ahead
     )
 
 

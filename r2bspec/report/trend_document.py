@@ -124,7 +124,7 @@ def _blocks(history: History) -> Iterator[Table | Paragraph]:
 def _environment_texts(history: History) -> Iterator[str]:
     """Yield what is new in each environment."""
     for index in range(1, len(history.environments)):
-        called = next(one.called for one in history.results if one.environment == index)
+        called = history.results[history.first_of(index)].called
         yield f"Not compared with what is before {called}: {history.environment_change(index)}"
 
 
@@ -176,8 +176,8 @@ def _sparkline(history: History, metric: MetricHistory) -> str:
     for first in firsts:
         known = [value for value in metric.values[first : first + size] if value is not None]
         medians.append(median(known) if known else None)
-    low = min((value for value in medians if value is not None), default=0.0)
-    high = max((value for value in medians if value is not None), default=0.0)
+    shown = [value for value in medians if value is not None]
+    low, high = min(shown, default=0.0), max(shown, default=0.0)
     seen = {history.results[0].environment}
     bars = []
     for first, value in zip(firsts, medians, strict=True):

@@ -474,7 +474,7 @@ def undeclared(
 ) -> Iterator[Difference]:
     """Yield the parameters that are not declared.
 
-    None for a process of which no node has responded.
+    Until a node of a process has responded, no parameter of that process is yielded.
 
     Args:
         expected: nodes, and whether each runs by its name in the plan; other processes may have

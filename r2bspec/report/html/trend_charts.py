@@ -119,8 +119,6 @@ def _series(
 
 def _breaks(axes: Axes, history: History) -> None:
     """Mark the first result of each further environment."""
-    first: dict[int, int] = {}
-    for place, result in enumerate(history.results):
-        first.setdefault(result.environment, place)
-    for place in [*first.values()][1:]:
-        axes.axvline(place - 0.5, color=PALETTE["quiet"], linestyle=":", linewidth=1)
+    for environment in range(1, len(history.environments)):
+        first = history.first_of(environment)
+        axes.axvline(first - 0.5, color=PALETTE["quiet"], linestyle=":", linewidth=1)
