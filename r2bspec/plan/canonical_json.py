@@ -8,8 +8,10 @@ Quantities and requirements are strings of the language.
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -144,18 +146,49 @@ def _decode(kind: type, value: object) -> object:
 SCHEMA_FILE_NAME = "r2bspec-plan-v1.schema.json"
 
 
-def plan_schema() -> dict[str, Any]:
-    """Return the schema as published in ``schemas/``: JSON Schema draft 2020-12."""
+def document_schema(
+    kind: type[msgspec.Struct],
+    file_name: str,
+    title: str,
+    schema_hook: Callable[[type], dict[str, Any]] | None = None,
+) -> dict[str, Any]:
+    """Return a schema as published in ``schemas/``: JSON Schema draft 2020-12.
+
+    Args:
+        kind: the type of the document.
+        file_name: of the schema.
+        title: of the schema.
+        schema_hook: as for `msgspec.json.schema_components`.
+    """
     (reference,), components = msgspec.json.schema_components(
-        [_with_quantities_required()], schema_hook=_string_type, ref_template="#/$defs/{name}"
+        [kind], schema_hook=schema_hook, ref_template="#/$defs/{name}"
     )
+    for component in components.values():
+        # Python 3.13 and msgspec 0.23 take the indentation off docstrings; the file must not
+        # depend on them.
+        component["description"] = inspect.cleandoc(component.get("description", ""))
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$id": SCHEMA_FILE_NAME,
-        "title": "A plan of r2bspec, version 1",
+        "$id": file_name,
+        "title": title,
         **reference,
         "$defs": components,
     }
+
+
+def schema_text(schema: dict[str, Any]) -> str:
+    """Return a schema as a file, with a newline at its end."""
+    return json.dumps(schema, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+def plan_schema() -> dict[str, Any]:
+    """Return the schema of plans."""
+    return document_schema(
+        _with_quantities_required(),
+        SCHEMA_FILE_NAME,
+        "A plan of r2bspec, version 1",
+        _string_type,
+    )
 
 
 def _with_quantities_required() -> type[msgspec.Struct]:
@@ -179,8 +212,8 @@ def _default(field: msgspec.structs.FieldInfo) -> Any:
 
 
 def plan_schema_text() -> str:
-    """Return the schema as a file, with a newline at its end."""
-    return json.dumps(plan_schema(), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+    """Return the schema of plans as a file."""
+    return schema_text(plan_schema())
 
 
 def _string_type(kind: type) -> dict[str, Any]:
