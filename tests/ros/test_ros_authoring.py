@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -19,7 +17,7 @@ pytest.importorskip("rclpy")
 from r2bspec.api import validate
 from r2bspec.cli.main import main
 from r2bspec.execute.processes.prerequisites import reserved_domain
-from ros_runs import HANG_S, Bench
+from ros_runs import HANG_S, Bench, node_of_others
 
 NODE = """#!{python}
 import rclpy
@@ -152,21 +150,6 @@ def write_program(file: Path) -> None:
     file.chmod(0o755)
 
 
-@contextmanager
-def running(program: Path) -> Iterator[None]:
-    words = [str(program), "--ros-args", "-r", "__ns:=/cell", "-r", "question:=/camera"]
-    process = subprocess.Popen(words)
-    try:
-        yield
-    finally:
-        process.terminate()
-        try:
-            process.wait(timeout=HANG_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-
 def test_a_spec_of_a_running_graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(tmp_path / "bench")
     monkeypatch.chdir(bench.folder)
@@ -174,7 +157,8 @@ def test_a_spec_of_a_running_graph(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     with reserved_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        with running(Path("answer.py").absolute()):
+        renamed = ("-r", "__ns:=/cell", "-r", "question:=/camera")
+        with node_of_others([Path("answer.py").absolute(), "--ros-args", *renamed]):
             arguments = ["--from-graph", "--from-bag", "./bag", "--timeout", "60"]
             assert main(["init", "seen", *arguments]) == 0
     text = Path("seen.r2b.yaml").read_text()
@@ -247,7 +231,8 @@ def test_a_launch_file_and_a_bag_run(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert monitor["sent"] == monitor["received"] > 0
     assert main(["suggest", "cell.r2b.yaml", str(finished.folder), "--write", *LAUNCHED]) == 0
     slos = yaml.safe_load(Path("cell.r2b.yaml").read_text())["slos"]
-    assert any("latency.p" in each for each in slos["measured_at_30_3_hz"]["require"]), slos
+    # A machine that is busy has no limit of latency, since its iterations scatter.
+    assert any("drop_rate" in each for each in slos["measured_at_30_3_hz"]["require"]), slos
     assert [each for each in validate(Path("cell.r2b.yaml")) if each.severity == "error"] == []
 
 

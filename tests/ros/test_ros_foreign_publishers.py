@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,7 +16,7 @@ from nightly import only_nightly
 pytest.importorskip("rclpy")
 
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from ros_runs import IMAGE, Bench, Running, relay_spec
+from ros_runs import IMAGE, Bench, Running, node_of_others, relay_spec
 
 INTRUDER = """
 import sys, time
@@ -76,21 +74,11 @@ def intruder(bench: Bench, running: Running, topic: str) -> Iterator[int]:
     """
     environment = variables_of(running, "monitor")
     del environment[RUN_ID_VARIABLE]
-    with subprocess.Popen(
-        [sys.executable, str(bench.folder / "intruder.py"), topic],
-        env=environment,
-        cwd="/",
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-    ) as process:
-        try:
-            assert process.stdout is not None
-            assert process.stdout.readline() == b"there\n"
-            yield process.pid
-        finally:
-            # It puts its shared memory away itself.
-            process.send_signal(signal.SIGINT)
-            process.wait(60.0)
+    command = [sys.executable, bench.folder / "intruder.py", topic]
+    with node_of_others(command, env=environment, cwd="/", start_new_session=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"there\n"
+        yield process.pid
 
 
 def long_spec() -> dict[str, Any]:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from nightly import only_nightly
+from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.report.findings_text import code_with_slug
 
 pytest.importorskip("rclpy")
 
-from ros_runs import IMAGE, Bench, Finished, relay_node, relay_spec, write_bag
+from ros_runs import IMAGE, Bench, Finished, node_of_others, relay_node, relay_spec, write_bag
 
 NODES = """
 class Notebook(Node):
@@ -235,21 +235,19 @@ def test_a_node_of_others_takes_part(
         "print('stands', flush=True)\n"
         "rclpy.spin(node)\n"
     )
-    monkeypatch.setenv("ROS_DOMAIN_ID", "93")
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     endpoints = {"subscribes": {"input": IMAGE}, "publishes": {"output": IMAGE}}
     spec = relay_spec(
         transport="inherit", graph={"nodes": {"theirs": {"external": True} | endpoints}}
     )
-    with subprocess.Popen([sys.executable, str(program)], stdout=subprocess.PIPE) as theirs:
-        try:
+    with reserved_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        with node_of_others([sys.executable, program]) as theirs:
             assert theirs.stdout is not None
             assert theirs.stdout.readline() == b"stands\n"
             done = bench.run_on_time(spec)
             assert done.status == 0, done.stderr
             assert theirs.poll() is None, "the run ended a node that is not its own"
-        finally:
-            theirs.kill()
 
 
 @only_nightly()

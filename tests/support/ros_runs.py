@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,6 +30,7 @@ from machine_load import skip_for_load
 from r2bspec.bags.message_types import typestore
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from r2bspec.ipc.sample_files import ArrivalReader
+from r2bspec.middleware.fast_dds import MIDDLEWARE
 from r2bspec.record.run_folder import Run, open_run
 from r2bspec.record.run_record import Segment
 from r2bspec.record.sample_arrays import MONITOR_FIELDS
@@ -442,6 +443,28 @@ def _open_files(process: psutil.Process) -> list[Path]:
     with contextlib.suppress(psutil.Error):
         return [Path(open_file.path) for open_file in process.open_files()]
     return []
+
+
+@contextlib.contextmanager
+def node_of_others(
+    command: Sequence[str | Path], **settings: Any
+) -> Iterator[subprocess.Popen[bytes]]:
+    """A node that no run has started. It is killed, and what it leaves behind is put away.
+
+    A node that leaves at the same time as others may wait in the middleware without end, so that a
+    signal that asks it to leave is not enough.
+    """
+    began_s = time.time()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, **settings) as process:
+        try:
+            yield process
+        finally:
+            mapped = _maps(process.pid)
+            process.kill()
+    # Whoever looks at the same time may hold a lock for a moment.
+    while mapped.intersection(MIDDLEWARE.dead_shm_files(since_s=began_s)):
+        MIDDLEWARE.remove_dead_shm_files(since_s=began_s)
+        time.sleep(0.03)
 
 
 def note_segments(bench: Bench, before: set[str]) -> None:
