@@ -129,6 +129,7 @@ def bound_backwards(context: Context) -> Findings:
         name, written = quote(metric.info.name), f"{100 * bound.value:g} %"
         is_margin = bound.of_baseline and bound.value < _HALF
         most_hz = _most_hz(context, metric) if at_least and not bound.of_baseline else None
+        _, high = _limits(requirement.op, bound.value)
         severity: SeverityName | None = None
         if bound.of_baseline and requirement.op not in {"==", "!="} and at_least != more_is_better:
             better, way = ("larger", ">= 97 %") if more_is_better else ("smaller", "<= 103 %")
@@ -138,12 +139,15 @@ def bound_backwards(context: Context) -> Findings:
             help_text = f"write '{way} of baseline', with the margin that you allow"
         elif bound.of_offered and at_least and bound.value >= 1:
             message = (
-                f"{name} cannot be shown to be 100 % of the offered rate: no graph delivers more"
+                f"{name} cannot be shown to be {written} of the offered rate: no graph delivers "
+                "more than is offered"
             )
             help_text = "allow a margin, such as '>= 98 % of offered'"
         elif most_hz is not None and bound.dimension == "rate" and bound.value >= most_hz:
             message = f"no graph delivers more than the {most_hz:g} Hz that are offered"
             help_text = "write '>= 98 % of offered'"
+        elif not (bound.of_baseline or bound.of_offered) and _is_empty((0.0, False), high):
+            message, help_text = f"no value of {name} is below 0", "raise the bound"
         elif is_margin:
             message, sign = f"{name} passes only if it needs {written} of what the base needs", 1
             if at_least:
