@@ -233,6 +233,25 @@ def device_metric(name: str) -> MetricInfo | None:
     return info if info is not None and info.scope is Scope.DEVICE else None
 
 
+_OTHER_NAMES: Final = {
+    **dict.fromkeys(("fps", "hz", "rate", "frequency", "output_rate"), "throughput.mean"),
+    **dict.fromkeys(("delay", "response_time"), "latency.p99"),
+    **dict.fromkeys(("loss", "lost", "dropped", "drops"), "drop_rate"),
+    "cpu": "cpu.graph.mean",
+    **dict.fromkeys(("memory", "ram", "rss"), "memory.graph.max"),
+}
+_OTHER_PARTS: Final = {"avg": "mean", "average": "mean", "median": "p50"}
+"""Words of other tools, and the words for them here."""
+
+
+def _translated(name: str) -> str:
+    """Return a name of other tools as it is written here; empty for a name of none."""
+    series, _, part = name.rpartition(".")
+    if series and part in _OTHER_PARTS:
+        return f"{series}.{_OTHER_PARTS[part]}"
+    return _OTHER_NAMES.get(name, "")
+
+
 def _unknown_metric(name: str, message: str, subjects: Subjects, prefix: str = "") -> MetricError:
     """The error for an unknown name: if its first word is a family, only that family is listed."""
     family = name.partition(".")[0]
@@ -241,7 +260,8 @@ def _unknown_metric(name: str, message: str, subjects: Subjects, prefix: str = "
         tuple(metric_name for metric_name in everything if metric_name.partition(".")[0] == family)
         or everything
     )
-    close = did_you_mean(name, known)
+    translated = _translated(name)
+    close = translated if translated in everything else did_you_mean(name, known)
     return MetricError(
         message,
         tuple(prefix + metric_name for metric_name in known),

@@ -85,6 +85,11 @@ def test_a_monitor_may_have_the_name_of_a_metric() -> None:
         ("detections.peak.rate", "is not a metric of a monitor", "peak.rate"),
         ("cpu.apriltg.mean", "there is no metric", "cpu.apriltag.mean"),
         ("relay.calback.p99", "there is no metric", "relay.callback.p99"),
+        ("latency.avg", "there is no metric", "latency.mean"),
+        ("detections.latency.median", "there is no metric", "detections.latency.p50"),
+        ("detections.fps", "there is no metric", "detections.throughput.mean"),
+        ("loss", "there is no metric", "drop_rate"),
+        ("cpu.apriltag.avg", "there is no metric", "cpu.apriltag.mean"),
     ],
 )
 def test_wrong_names_are_answered_with_the_known_ones(
