@@ -1,4 +1,4 @@
-"""The environment of the base: what leads to the code of the head leads to that of the base.
+"""The environment of the base: search paths to the code of the head lead to that of the base.
 
 The head runs in the environment of this process. In it, search paths (PYTHONPATH, PATH, an overlay
 of colcon), and packages that are installed as editable, lead into the work tree of the head. A run
@@ -91,7 +91,7 @@ def base_environment(tree: BaseTree, *, built: bool) -> dict[str, str]:
 
 
 def is_code_of(path: Path, tree: BaseTree, side: str) -> bool:
-    """Return whether a file belongs to the work tree of the base or of the head, and to no tool.
+    """Return True if a file belongs to the work tree of the base or of the head, and to no tool.
 
     A virtual environment in the work tree, and r2bspec itself, serve both sides.
     """
@@ -102,10 +102,10 @@ def is_code_of(path: Path, tree: BaseTree, side: str) -> bool:
 
 
 def check_tools(tree: BaseTree) -> None:
-    """Refuse a change that brings along what compares it.
+    """Refuse a change that contains the tools that compare it.
 
-    A search path that leads into the work tree can put a module of the change in the place of one
-    of r2bspec, and git can have files in the virtual environment that serves both sides.
+    A search path that leads into the work tree can replace a module of r2bspec by a module of the
+    change, and git can have files in the virtual environment that serves both sides.
 
     Raises:
         BaseRevisionError: it does.
@@ -253,13 +253,13 @@ class BaseBuildError(R2bspecError):
 
 @dataclass
 class BaseBuilds:
-    """The builds of a base, each made once for all specs that ask for it."""
+    """The builds of a base, each made once for all specs that need it."""
 
     tree: BaseTree
     _environments: dict[GateBase, Mapping[str, str]] = field(default_factory=dict)
 
     def environment(self, settings: GateBase, progress: Progress) -> Mapping[str, str]:
-        """The variables of the base that differ from those of this process, once it is built.
+        """Build the base if necessary; return the variables that differ from this process.
 
         Raises:
             BaseBuildError: a command fails, or takes too long.

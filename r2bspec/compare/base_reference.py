@@ -1,4 +1,4 @@
-"""What ``--against`` compares a spec with: another spec, or the same spec with other settings.
+"""The base of ``--against``: another spec, or the same spec with other settings.
 
     SPEC                another spec, or a plan written by 'r2bspec plan'
     var:NAME=VALUE      the same spec with another value of a declared variable

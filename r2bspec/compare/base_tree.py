@@ -1,9 +1,9 @@
 """The base of a gate: a commit, its files as git lists them, and a private copy of them.
 
 The copy is written from the objects of the repository, byte for byte, into a folder outside of it,
-which is removed at the end. Nothing that a repository can bring along is executed or applied: no
-hook, no filter, no attribute, no replaced object, no graft; and nothing is fetched. ``git archive``
-would apply the attributes of the very tree that is compared: files could leave themselves out.
+which is removed at the end. Nothing that a repository can contain is executed or applied: no hook,
+no filter, no attribute, no replaced object, no graft; and nothing is fetched. ``git archive`` would
+apply the attributes of the very tree that is compared: files could leave themselves out.
 
 A name that two references have is refused: a tag or a branch that somebody pushed must not take the
 place of the branch that a pipeline means.
@@ -50,7 +50,7 @@ _COMMIT = re.compile("[0-9a-f]{40}")
 
 
 class BaseRevisionError(UsageError):
-    """The base of a gate cannot be had as files."""
+    """The base of a gate cannot be obtained as files."""
 
     code = "R2B694"
 
@@ -82,14 +82,14 @@ class BaseTree:
     notes: tuple[str, ...] = ()
 
     def in_base(self, path: Path) -> Path | None:
-        """Return where the base has a path of the head's tree; None for a path outside of it."""
+        """Return the path in the base of a path in the head's tree; None outside of it."""
         try:
             return self.top / path.resolve().relative_to(self.head_top)
         except ValueError:
             return None
 
     def has_newer(self, path: str) -> bool:
-        """Return True if the tip has another version of a file, and the head does not have it."""
+        """Return True if the tip has another version of a file, which the head does not have."""
         wanted = self.newer.get(path)
         return wanted is not None and wanted != git.object_of(self.head_top, path)
 

@@ -1,4 +1,4 @@
-"""Compares results: which ones are comparable, and what their metrics show.
+"""Compares results: which results are comparable, and what their metrics show.
 
 With m the margin and [l, u] the bounds on the true ratio head / base, each one-sided at the stated
 confidence, a metric of which more is better is
@@ -67,7 +67,7 @@ ADVICE = (
 
 
 class ComparisonLine(msgspec.Struct, frozen=True, kw_only=True):
-    """One metric at one rate.
+    """A metric at one rate.
 
     Attributes:
         offered_hz: None for the whole run.
@@ -103,7 +103,7 @@ class ComparedSource(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Comparison(msgspec.Struct, frozen=True, kw_only=True):
-    """One result compared with the base.
+    """A result compared with the base.
 
     Attributes:
         differences: in plan, data or machine, a line each; those in load, data or machine occur
@@ -141,7 +141,7 @@ class MetricSeries:
 
 @dataclass(frozen=True)
 class ComparedResult:
-    """One side of a comparison; None is unknown, or, of `run`, not there any more.
+    """A side of a comparison; None is unknown, or, for `run`, no longer there.
 
     Attributes:
         samples: of `run`.
@@ -445,7 +445,7 @@ def _delivered_share(series: MetricSeries) -> MetricSeries:
 
 
 def mean_value(series: MetricSeries) -> float | None:
-    """Return the mean over the iterations; None where one has no value."""
+    """Return the mean over the iterations; None if any of them has no value."""
     values = [value for value in series.values if value is not None]
     return sum(values) / len(values) if len(values) == len(series.values) and values else None
 

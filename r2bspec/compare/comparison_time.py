@@ -1,4 +1,4 @@
-"""How long a comparison will take, by the way in which it is played."""
+"""How long a comparison will take, depending on how it is played."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""What of a spec a gate depends on: it differs from the base only if the pipeline allows it.
+"""The parts of a spec that a gate depends on: they differ only if the pipeline allows it.
 
 Whoever changes a graph can change its spec, too. So two versions of a spec are compared, section by
 section, without executing anything or reading a further file. `GATED` sections must be equal, and
 the base's objectives of level ``error`` must be there with the same terms and limits, or tighter
-ones. `FREE` sections are the graph, and words. What differs is an error at its line with both
-values, unless the pipeline allows it by name: the key, as it is written (``benchmark.rates``), or
-``objective NAME``, ``monitor NAME``, ``input NAME``, ``call NAME``, ``preprocessors``,
-``memory_limit NAME``, ``waiver CODE``, ``spec PATH`` and ``case NAME[CASE]``.
+ones. `FREE` sections are the graph, and texts for people. Any other difference is an error at its
+line with both values, unless the pipeline allows it by name: the key, as it is written
+(``benchmark.rates``), or ``objective NAME``, ``monitor NAME``, ``input NAME``, ``call NAME``,
+``preprocessors``, ``memory_limit NAME``, ``waiver CODE``, ``spec PATH`` and ``case NAME[CASE]``.
 
 New objectives, requirements and monitors need no allowance.
 
@@ -93,7 +93,7 @@ class GateChange(NamedTuple):
 
     @classmethod
     def of_tip(cls, name: str, file: str, tip: str, after: str) -> GateChange:
-        """Return the difference to a file that the base has otherwise since the head left.
+        """Return the difference to a file that the base has changed since the head branched off.
 
         Args:
             name: what ``--allow`` takes.
@@ -106,7 +106,7 @@ class GateChange(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Both values, the new one first."""
+        """Both values, the new value first."""
         if not self.after:
             return f"gone, was {self.before}" if self.before else "gone"
         return f"{self.after}, was {self.before}" if self.before else f"new, {self.after}"
@@ -181,7 +181,7 @@ def require_objectives(objectives: Mapping[str, Objective], file: str) -> None:
 
 
 def gate_changes(base: LoadedSpec, head: LoadedSpec) -> list[GateChange]:
-    """Return what differs in the gates of two versions of a spec, both without errors."""
+    """Return the differences between the gates of two versions of a spec, both without errors."""
     was, now = base.spec, head.spec
     if was is None or now is None:
         return []
@@ -192,7 +192,7 @@ def gate_changes(base: LoadedSpec, head: LoadedSpec) -> list[GateChange]:
 
 
 def allowable_names(*specs: Spec) -> set[str]:
-    """Return the names that ``--allow`` may have for some specs, besides waivers and specs."""
+    """Return the names that ``--allow`` may have for some specs, except waivers and specs."""
     names = {ALLOW_BASE, ALLOW_INPUT, "preprocessors"}
     for spec in specs:
         for section in GATED:
@@ -203,7 +203,7 @@ def allowable_names(*specs: Spec) -> set[str]:
 
 
 def check_allowed(allowed: Iterable[str], known: Collection[str]) -> None:
-    """Refuse names that nothing has: an allowance that is misspelt would have no effect.
+    """Refuse names that do not exist: a misspelt allowance would have no effect.
 
     Args:
         allowed: the names that the pipeline allows.

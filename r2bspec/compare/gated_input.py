@@ -1,8 +1,8 @@
-"""What the two sides of a gate are given to process: it has to be the same.
+"""The inputs of the two sides of a gate, which have to be the same.
 
 The messages of the recordings are compared by their content: other storage or compression is no
-difference. What prepares them is compared by the files of the preprocessors, as far as these are
-known before they run (`r2bspec.execute.identity`).
+difference. Preprocessors are compared by their files, as far as these are known before they run
+(`r2bspec.execute.identity`).
 
 A recording that git does not have, such as one that is downloaded, is the head's on both sides. A
 change must not put another one in its place: neither by a link, nor by a submodule, nor by a step
@@ -46,7 +46,7 @@ class _Messages(NamedTuple):
 
 
 def share_recordings(tree: BaseTree, spec: Spec, base_dir: Path, *, take: bool) -> list[GateChange]:
-    """Let the base play the head's recordings where it has none.
+    """Let the base play recordings that only the head has.
 
     Args:
         tree: of the base.
@@ -113,7 +113,7 @@ class Recordings(NamedTuple):
 
 
 def compare_recordings(base: Plan, base_dir: Path, head: Plan, head_dir: Path) -> Recordings:
-    """Compare the messages that are loaded."""
+    """Compare the messages that both sides load."""
     changes: list[GateChange] = []
     digests: set[str] = set()
     datasets = zip(base.datasets or (base.dataset,), head.datasets or (head.dataset,), strict=False)
@@ -155,7 +155,8 @@ def preprocessor_changes(
 ) -> Iterator[GateChange]:
     """Yield the files and programs of preprocessors that differ.
 
-    A file beside one of theirs that may be of the graph, too, is left to what is really played.
+    A file beside theirs that may also belong to the graph is left to the comparison of the played
+    messages.
     """
     shared = _shared_files(base, head, plan)
     for name in sorted(base.nodes.keys() | head.nodes.keys()):
@@ -181,7 +182,7 @@ def _shown(file: str, digest: str) -> str:
 def take_preprocessors(
     tree: BaseTree, base: GraphIdentity, head: GraphIdentity, plan: Plan
 ) -> None:
-    """Put the files of the head's preprocessors into the base, unless the graph may have them."""
+    """Copy the files of the head's preprocessors into the base, unless the graph may use them."""
     shared = _shared_files(base, head, plan)
     for name, node in head.nodes.items():
         for file in node.files if name.startswith(_PREPARED) else ():

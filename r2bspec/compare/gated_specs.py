@@ -1,9 +1,9 @@
-"""Which specs a gate compares: those of the base, as git lists its tree, and new ones of the head.
+"""The specs that a gate compares: those of the base, as git lists them, and new specs of the head.
 
 Every spec that the base has under the gated paths has to be in the work tree of the head at the
 same path, as a regular file. No link is followed, neither to a file nor to a folder above it, and
-no spec is taken from a repository in the repository: each would let a change bring along the base
-that it likes. A spec that is gone is a weaker gate, unless the pipeline allows it by name.
+no spec is taken from a repository in the repository: each of these would let a change choose its
+base. A deleted spec is a weaker gate, unless the pipeline allows it by name.
 
 A spec that the base lacks is new, and judged alone. Where the base has specs, anywhere, that the
 head lacks, it may be one of them under another name, so they have to be allowed first. Then a new
@@ -55,7 +55,7 @@ class GatedSpec:
 
 @dataclass(frozen=True)
 class GatedSpecs:
-    """What is under the gated paths.
+    """The specs under the gated paths.
 
     Attributes:
         specs: of the head, sorted by path.

@@ -51,7 +51,7 @@ class HistoryResult(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def called(self) -> str:
-        """The revision, or the time where there is none."""
+        """The revision; without a revision, the time."""
         return self.revision or self.started_at
 
 
@@ -76,12 +76,12 @@ class Change(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def ratio(self) -> float | None:
-        """The growth as a share of the value before; None from 0 on."""
+        """The growth as a share of the value before; None if that is 0."""
         return self.mean_after / self.mean_before - 1 if self.mean_before else None
 
 
 class MetricHistory(msgspec.Struct, frozen=True, kw_only=True):
-    """A metric at one rate.
+    """The history of a metric at one rate.
 
     Attributes:
         offered_hz: None for the whole run.
@@ -121,7 +121,7 @@ class History(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def environment_change(self, index: int) -> str:
-        """Return what is new in an environment compared with that of the result before it."""
+        """Return what is new in an environment compared with that of the previous result."""
         first = self.first_of(index)
         if not first:
             return ""

@@ -1,4 +1,4 @@
-"""A comparison that can be made: its two sides, checked."""
+"""A comparison that can be played: its two sides, checked."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ class BaseFailsError(R2bspecError):
         """Return an error of the base, with the way out.
 
         The exit status is that of its cause, which may say that another attempt can help. A run
-        that failed was already repeated, so its cause is the base's code, which no pipeline has
-        to try a third time; only a disk that cannot be written is no fault of the code.
+        that failed was already repeated, so its cause is the base's code, and a pipeline need not
+        try again; only a disk that cannot be written is no fault of the code.
         """
         failure = cls(text or f"the base fails: {error}")
         graph_failed = isinstance(error, RunError) and not isinstance(error, UnwritableRunError)
@@ -73,7 +73,7 @@ CheckRun = Callable[[Side, Path], None]
 
 @dataclass(frozen=True)
 class ComparisonSpec:
-    """A comparison to be made; see `PairsRecord` for the fields.
+    """A comparison to be played; see `PairsRecord` for the fields.
 
     Attributes:
         check_run: is called after each run.
@@ -109,7 +109,7 @@ def prepare_comparison(
     gate: tuple[str, ...] = (),
     check_run: CheckRun | None = None,
 ) -> ComparisonSpec:
-    """Check that two sides are comparable.
+    """Check that two sides are comparable, and return their comparison.
 
     Args:
         base: to compare with.
@@ -184,13 +184,13 @@ def why_not_by_turns(base: Plan, head: Plan) -> str:
 
 
 def turns_of(head: Plan) -> tuple[TurnKind, ...]:
-    """Return what has to be played by turns for the requirements of a plan."""
+    """Return which values have to be measured by turns for the requirements of a plan."""
     kinds = map(turn_kind, filter(can_be_played_by_turns, _baseline_metrics(head)))
     return tuple(dict.fromkeys(kinds))
 
 
 def needs_base_alone(head: Plan) -> bool:
-    """Return True if a requirement compares what turns do not show."""
+    """Return True if a requirement compares values that turns do not show."""
     return not all(map(can_be_played_by_turns, _baseline_metrics(head)))
 
 

@@ -1,9 +1,9 @@
-"""Pairs of a base and a head: the units of a comparison, each in new processes and own folders.
+"""Pairs of a base and a head, the units of a comparison: in new processes and own folders.
 
-Where the load permits it, both sides of a pair are up at once and are played by turns
-(`r2bspec.compare.side_process`); they share the loaded data. Otherwise one follows the other. A
-coin decides which side of a pair is first; its seed is in the record, and so is each order
-(`r2bspec.judge.statistics.t_interval` has the reason).
+If the load permits it, both sides of a pair are up at once and are played by turns
+(`r2bspec.compare.side_process`); they share the loaded data. Otherwise they are played one after
+the other. A coin decides which side of a pair is first; its seed is in the record, and so is each
+order (`r2bspec.judge.statistics.t_interval` has the reason).
 
 Every such run is a complete one (`r2bspec.execute.controller`): it loads, starts, warms up, plays
 each rate once, and ends all that it started. Sharing the loaded data would save a second or two,
@@ -106,7 +106,7 @@ def _write_result(
 def run_pairs(
     comparison: ComparisonSpec, folder: ComparisonFolder, progress: Progress
 ) -> dict[str, RunSamples]:
-    """Play all pairs and, if they fail, as many new ones to confirm it.
+    """Play all pairs and, if they fail, as many new pairs to confirm it.
 
     The folder is complete when this returns or raises: it has every pair that was finished.
 

@@ -57,7 +57,7 @@ PrepareLoaded = Callable[[LoadedSpec], PreparedBenchmark]
 
 
 class OtherSidesFilesError(R2bspecError):
-    """A side of a comparison has loaded files of the other one."""
+    """A side of a comparison has loaded files of the other side."""
 
     code = "R2B696"
     exit_code = ExitStatus.USAGE
@@ -82,7 +82,7 @@ class GateSides:
 
 @dataclass(frozen=True)
 class ComparedSpec:
-    """A case of the head, and that of the base whose gate it has.
+    """A case of the head, and the case of the base whose gate it has.
 
     Attributes:
         head: prepared.
@@ -97,7 +97,7 @@ class ComparedSpec:
 
 @dataclass
 class MergeGate:
-    """The gate of one call: one base, for any number of specs.
+    """The gate of one call: a base, for any number of specs.
 
     Attributes:
         tree: the files of the base.
@@ -129,7 +129,7 @@ class MergeGate:
     def compare(
         self, spec: GatedSpec, selection: SpecSelection, head: PreparedBenchmark
     ) -> ComparedSpec:
-        """Compare what the verdict depends on; nothing is executed.
+        """Compare everything that the verdict depends on; nothing is executed.
 
         Args:
             spec: with its place in the base.
@@ -228,7 +228,7 @@ class MergeGate:
         )
 
     def alone_without_base(self, compared: ComparedSpec, error: R2bspecError) -> GateSides:
-        """Return the head alone, because the base cannot run, and that is allowed."""
+        """Return the head alone, because the base cannot run, and the pipeline allows that."""
         return self._alone(compared.head, (*compared.sentences, self._allowed_base(error)))
 
     def _base_case(self, spec: GatedSpec, selection: SpecSelection, case: str) -> LoadedSpec | None:
@@ -313,8 +313,8 @@ class MergeGate:
 class RunCheck:
     """Checks the runs of a comparison: each has loaded the files of its side, and played the same.
 
-    What preprocessors make can differ from run to run. Then nothing shows that both sides were
-    given the same, unless they are played the same buffers, as they are by turns.
+    Outputs of preprocessors can differ from run to run. Then nothing shows that both sides had the
+    same input, unless they are played the same buffers, as they are by turns.
 
     Attributes:
         tree: of the base.

@@ -1,10 +1,9 @@
 """Objectives that a run proposes for its spec.
 
-A limit is the measured value with a margin: 1.3 times, or more where the starts scatter (in a run
-of one start, the iterations): three standard deviations of their logarithms. Where that doubles
-the value, nothing is proposed. A limit is never below the largest value of a start. Where the
-spec has a gate, a limit of the median `of baseline` is proposed beside it, which no run alone can
-show.
+A limit is the measured value with a margin: 1.3 times, or more if the starts scatter (in a run of
+one start, the iterations): three standard deviations of their logarithms. If that doubles the
+value, nothing is proposed. A limit is never below the largest value of a start. If the spec has a
+gate, a limit of the median `of baseline` is proposed beside it, which no run alone can show.
 
 Of the percentiles, the highest is proposed whose requirement the run itself passes: one that needs
 more messages than were played would be inconclusive.
@@ -125,9 +124,9 @@ def propose_objectives(
     result: Result,
     judge: Judge,
 ) -> Proposal:
-    """Return a spec with objectives from what a run measured.
+    """Return a spec with objectives from the values that a run measured.
 
-    Metrics that the spec already has a requirement for, at the same rate, are left alone.
+    Metrics for which the spec already has a requirement at the same rate are left alone.
 
     Args:
         loaded: the spec.
@@ -324,7 +323,7 @@ _DEVIATIONS = 3.0
 
 
 def limit_of(values: Sequence[float], of: str = "iterations") -> Limit | None:
-    """Return a limit for positive values of starts or iterations; None for too few."""
+    """Return a limit for positive values of starts or iterations; None if there are too few."""
     if len(values) < MIN_ITERATIONS:
         return None
     scatter = stdev(map(math.log, values))

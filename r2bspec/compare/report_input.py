@@ -33,7 +33,7 @@ from r2bspec.safe_io.safe_file import is_folder, read_bytes
 
 
 class SamplesMissingError(R2bspecError):
-    """Only the result of a run is known, and its samples are needed."""
+    """Only the result of a run is known, but its samples are needed."""
 
     code = "R2B661"
     exit_code = ExitStatus.USAGE
@@ -49,7 +49,7 @@ class UnreadableResultError(R2bspecError):
 
 @dataclass(frozen=True)
 class ReportInput:
-    """A result, and what it was computed from.
+    """A result, and the run folder that it was computed from.
 
     Attributes:
         result: shown by every report.
@@ -111,7 +111,7 @@ def read_folder(
     judged_by: str = "",
     gate: GatePlan | None = None,
 ) -> ReportInput:
-    """Return the folder of a run, or of a comparison, measured and judged again.
+    """Measure and judge the folder of a run, or of a comparison, again.
 
     Args:
         path: the folder.
@@ -138,7 +138,7 @@ def read_folder(
 
 
 def open_folder(path: Path) -> Run:
-    """Return the run in a folder; of a comparison, the head's runs of the pairs that count, as one.
+    """Return the run in a folder; for a comparison, the joined runs of the head in valid pairs.
 
     Raises:
         RecordError: as `read_folder`.
@@ -150,7 +150,7 @@ def open_folder(path: Path) -> Run:
 
 
 def measure(run: Run) -> RunSamples:
-    """Return the samples of such a run, which is not judged.
+    """Return the samples of a run, which is not judged.
 
     Raises:
         RecordError: a file of it is missing or damaged.
@@ -167,9 +167,9 @@ def judge_comparison_folder(
     gate: GatePlan | None = None,
     measured: dict[str, RunSamples] | None = None,
 ) -> ReportInput:
-    """Return a comparison measured and judged. Needs no ROS; the same folder gives the same bytes.
+    """Measure and judge a comparison, without ROS; the same folder gives the same bytes.
 
-    The run is that of the head in the pairs that count, as one.
+    The run is that of the head in the pairs that count, joined.
 
     Args:
         pairs: the opened comparison.
@@ -203,7 +203,7 @@ def judge_comparison_folder(
 
 
 def read_pairs(pairs: comparison_folder.PairedComparison, measured: dict[str, RunSamples]) -> Pairs:
-    """Return the samples of the pairs that count, and when they are judged.
+    """Return the samples of the pairs that count, and the looks at which they are judged.
 
     Args:
         pairs: the comparison.

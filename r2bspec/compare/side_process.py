@@ -1,4 +1,4 @@
-"""The two processes of a comparison by turns, one for each side, and where they meet.
+"""The two processes of a comparison by turns, one for each side, and how they meet.
 
 Each side is played by the controller of an ordinary run (`r2bspec.execute.controller`), with its
 own run folder, domain, processes and player. Controllers change the environment of their process
@@ -272,7 +272,7 @@ def both_sides(
     turns: tuple[TurnKind, ...],
     alone: frozenset[Side],
 ) -> Iterator[BothSides]:
-    """Start a process for either side, and end both.
+    """Start a process for each side, and end both after the block.
 
     Args:
         sides: of the comparison.

@@ -1,4 +1,4 @@
-"""The processes of a start, observed from inside: what each of them did with each message.
+"""What each process of a start does with each message, observed from inside.
 
 An object is preloaded into them (``r2bspec/native/anatomy.c``) that writes what they call to files
 of its own; after each segment, its events are taken from these. Player and monitor are observed as
@@ -58,9 +58,10 @@ _MEMORY = Path("/dev/shm")  # noqa: S108 - a folder of its own is made there
 
 @contextlib.contextmanager
 def events_folder(plan: Plan, scratch: Path) -> Iterator[Path]:
-    """Where the processes of a run write their events: in memory, if that has room for them.
+    """Return the folder to which the processes of a run write their events.
 
-    A page of a file on a disk may be written while a process wants to change it, which then waits.
+    It is in memory if there is room: a process that changes a page of a file on a disk while the
+    kernel writes that page has to wait.
     """
     measured = len(plan.processes_in("measure"))
     with contextlib.ExitStack() as stack:
@@ -101,7 +102,7 @@ class AnatomyObservation:
         self._reader = AnatomyReader(self.files)
 
     def environment(self, process: ProcessPlan, variables: Mapping[str, str]) -> dict[str, str]:
-        """Return the environment of a process, by which it is observed if the plan says so."""
+        """Return the environment of a process, with the observer preloaded if the plan wants it."""
         if not self._plan.observes(process):
             return dict(variables)
         preloaded, room = variables.get("LD_PRELOAD", ""), self._room_bytes
@@ -111,7 +112,7 @@ class AnatomyObservation:
         }
 
     def store(self, segment: Segment, until_ns: int, folder: RunFolder) -> ObservedRows:
-        """Keep the events of a segment in the run folder, and what they belong to in the record.
+        """Store the events of a segment in the run folder, and describe them in the record.
 
         Raises:
             RecordError: the file cannot be written.

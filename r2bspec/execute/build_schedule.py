@@ -144,7 +144,7 @@ def _pair(messages: list[_TimedMessage], slops_ns: Sequence[int]) -> None:
 
 
 def times_by_stamp(sources: Sequence[BufferIndex]) -> dict[int, int]:
-    """For each stamp, the time at which the last message with it was recorded."""
+    """Return, for each stamp, the time at which the last message with it was recorded."""
     times: dict[int, int] = {}
     for index in sources:
         if index.has_header:
@@ -295,7 +295,7 @@ def build_schedule(
 def build_call_timeline(
     calls: Sequence[CallPlan], plan: TimelinePlan, folder: Path
 ) -> TimelineSchedule:
-    """Build the schedule of recorded requests: each is a step, due at its recorded time.
+    """Build the schedule of recorded requests: each request is a step, due at its recorded time.
 
     Args:
         calls: those of the plan; each with recorded requests is a part.
@@ -456,9 +456,9 @@ class AlignedSteps:
 def align(inputs: list[BufferIndex], limit: int, slops_ns: Sequence[int] = ()) -> AlignedSteps:
     """Combine the messages of all inputs, in the order of their stamps.
 
-    Inputs with a header are matched by equal stamps, or by the nearest ones within a slop. An input
-    without a header is matched by order: its n-th message belongs to the n-th step; a shorter input
-    repeats from its first message.
+    Inputs with a header are matched by equal stamps, or by the nearest stamps within a slop. An
+    input without a header is matched by order: its n-th message belongs to the n-th step; a shorter
+    input repeats from its first message.
 
     Args:
         inputs: the buffer of each input.
@@ -542,11 +542,12 @@ def playback_order(steps: tuple[tuple[int, ...], ...], mode: str) -> tuple[tuple
 def place_between(
     number: int, index: BufferIndex, steps: Sequence[tuple[int, ...]], inputs: Sequence[BufferIndex]
 ) -> list[BetweenMessage]:
-    """Return the messages of one input between the steps of a round.
+    """Place the messages of an input between the steps of a round.
 
-    Where it and an input of the steps have headers, their stamps are compared, otherwise, or if no
-    stamp is in the round because they are of different clocks, the times of recording. What was
-    recorded outside of the steps is left out, but for a mean period after the last one.
+    If it and an input of the steps have headers, their stamps are compared. If not, or if no stamp
+    lies within the round because the clocks differ, the times of recording are compared. Messages
+    that were recorded outside of the steps are left out, except for a mean period after the last
+    step.
 
     Args:
         number: of the input in the plan.
@@ -589,9 +590,9 @@ def _between_steps(
 
 
 def step_intervals(times_ns: Sequence[int]) -> Iterator[tuple[int, int, int]]:
-    """Yield the number of each step of a round, its time, and that of the next one.
+    """Yield the number of each step of a round, its time, and the time of the next step.
 
-    The last interval of a round that only goes forwards is as long as the mean one.
+    The last interval of a round that only goes forwards is as long as the mean interval.
     """
     different = sorted(set(times_ns))
     period_ns = round_length_ns(different) // len(different)
@@ -625,10 +626,11 @@ def place_transforms(
 ) -> list[BetweenMessage]:
     """Return the positions of recorded transforms in a round of steps without times.
 
-    Between two steps the transforms are distributed as in the recording: one that was recorded at
-    a third of the interval is played at a third of it, at any rate. The differences of its stamps
-    to those of the steps are kept; they are exact at the rate of the recording. The transforms
-    that followed the last step, for a mean period, are played between the last and the first step.
+    Between two steps the transforms are distributed as in the recording: a transform recorded at a
+    third of the interval is played at a third of it, at any rate. The differences between its
+    stamps and those of the steps are kept; they are exact at the rate of the recording. The
+    transforms that followed the last step, for a mean period, are played between the last and the
+    first step.
 
     Args:
         number: of all inputs of the plan.

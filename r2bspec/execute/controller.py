@@ -75,7 +75,7 @@ from r2bspec.safe_io.private_files import remove_folder
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What a run does apart from its plan.
+    """The options of a run that are not in its plan.
 
     Attributes:
         anatomy: observe one more iteration from inside.

@@ -84,7 +84,7 @@ class ProcessDiedError(RunError):
         self.output = output
 
     def while_doing(self, what: str, node: str) -> ProcessDiedError:
-        """Return the same, with what it was doing for which node."""
+        """Return the same error, with the step and the node that the process was busy with."""
         error = ProcessDiedError(f"{what}: {self}", hint=self.hint)
         error.blamed = node
         return error
@@ -116,7 +116,7 @@ class GraphDifferencesError(CertainRunError):
         *,
         details: str = "",
     ) -> None:
-        """The message, if it is empty, is that of the differences, and so is the hint."""
+        """Take message and hint from the differences where they are empty."""
         message = message or "; ".join(difference.message for difference in differences)
         super().__init__(message, hint=hint or differences[0].help, code=differences[0].code)
         self.differences = tuple(differences)
@@ -130,7 +130,7 @@ class NoOutputError(RunError):
 
 
 class DeadInputError(NoOutputError):
-    """What is played arrives nowhere any more: the graph was not tested."""
+    """No subscription receives the played messages any more: the graph was not tested."""
 
     status = "invalid"
 
@@ -173,7 +173,7 @@ class AddressSpaceError(CertainRunError):
 
 
 class ProcessLimitError(CertainRunError):
-    """A limit lets this user, or this control group, start no more processes and threads."""
+    """A limit of this user or control group allows no more processes and threads."""
 
     code = "R2B679"
 
@@ -210,7 +210,7 @@ class WorkspaceError(CertainRunError):
 
 
 class DomainError(CertainRunError):
-    """ROS_DOMAIN_ID is no number that a domain may have."""
+    """ROS_DOMAIN_ID is not a valid domain."""
 
     code = "R2B655"
 

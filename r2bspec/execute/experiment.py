@@ -55,7 +55,7 @@ class Experiment(ABC, Generic[Unit]):
     @property
     @abstractmethod
     def looks(self) -> InterimLooks | None:
-        """When the units are judged while there are more of them; None for only at the end."""
+        """The numbers of units after which it is judged early; None if only at the end."""
 
     @abstractmethod
     def planned(self) -> Sequence[Unit]:
@@ -63,7 +63,7 @@ class Experiment(ABC, Generic[Unit]):
 
     @abstractmethod
     def play(self, unit: Unit) -> None:
-        """Play a unit; it is in the record afterwards."""
+        """Play a unit and record it."""
 
     @abstractmethod
     def complete(self) -> int:
@@ -78,25 +78,25 @@ class Experiment(ABC, Generic[Unit]):
         return [one for one in self.verdict.requirements if one.level == "error"]
 
     def on_decision(self) -> None:
-        """Say that a look has decided before the last planned unit."""
+        """Report that a look has decided before the last planned unit."""
 
     def unusable(self) -> Unit | None:
-        """Return the last unit, to be played again because it cannot be judged; mostly None."""
+        """Return the last unit if it cannot be judged and has to be played again, else None."""
         return None
 
     def affected(self) -> Unit | None:
-        """Return a disturbed unit to be played again; None if none can change the outcome."""
+        """Return a disturbed unit whose repetition can change the outcome; None without one."""
         return None
 
     @abstractmethod
     def has_time(self, *, was_judged: bool) -> bool:
-        """Whether the time budget allows the next unit, or, after a look, those up to the next."""
+        """Return True if time allows the next unit or, after a look, all up to the next look."""
 
     @abstractmethod
     def begin_confirmation(self) -> bool:
-        """Take on the failure of the first units: what is planned now are fresh ones.
+        """Set the failed units aside, and plan fresh units that confirm the failure.
 
-        False if it is not confirmed: the spec does not want it, or there is no time.
+        Return False if the spec wants no confirmation, or no time is left.
         """
 
 
@@ -127,13 +127,13 @@ def grow(experiment: Experiment[Unit]) -> Iterator[Unit]:
 
 
 def again(experiment: Experiment[Unit]) -> Iterator[Unit]:
-    """Yield disturbed units while playing them again can change the outcome."""
+    """Yield disturbed units as long as a repetition can change the outcome."""
     while (unit := experiment.affected()) is not None:
         yield unit
 
 
 def confirm(experiment: Experiment[Unit]) -> Iterator[Unit]:
-    """Yield fresh units if the others fail."""
+    """Yield fresh units if the first units fail."""
     if needs_confirmation(experiment.verdict) and experiment.begin_confirmation():
         yield from grow(experiment)
         yield from again(experiment)

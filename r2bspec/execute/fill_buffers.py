@@ -1,8 +1,8 @@
-"""The buffers of a run: the messages of its recordings, and what preprocessors make of them.
+"""The buffers of a run: the messages of its recordings, and the outputs of preprocessors.
 
-The bags of a plan are located or synthesised, and copied as bytes. Then the preprocessors process
-these messages, and their outputs are buffered too. They are ended before the measurement, so that
-they take no CPU time from the graph under test.
+The bags of a plan are located or synthesised, and their messages copied as bytes. Then the
+preprocessors process these messages, and their outputs are buffered too. Preprocessors end before
+the measurement, so that they take no CPU time from the graph under test.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class ResolvedDataset:
 
 
 def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> ResolvedDataset:
-    """Locate the bag, or synthesise it if it is a synthetic one that is not in the cache.
+    """Locate a bag, or synthesise it if it is a synthetic dataset that is not in the cache.
 
     Raises:
         DataError: it does not exist, or cannot be synthesised.
@@ -97,12 +97,12 @@ def buffer_bags(
 ) -> dict[str, int]:
     """Write a buffer for every topic of the plan, under its name in the graph.
 
-    Messages of one topic may be in several bags; they are buffered in the order of their
-    recording. Memory is bounded by a few messages of each bag. Windows are relative to the first
-    message of all bags. If transforms are requested, /tf is buffered like other topics, and the
-    complete /tf_static, regardless of the window, as one message. Of a `latched` topic of the graph
-    it is what a subscription gets that comes at the start of the window: the last message before
-    it, or else the first one in it.
+    Messages of one topic may be in several bags; they are buffered in the order of their recording.
+    Memory is bounded by a few messages of each bag. Windows are relative to the first message of
+    all bags. If transforms are requested, /tf is buffered like other topics, and the complete
+    /tf_static, regardless of the window, as one message. A `latched` topic of the graph gets what a
+    subscription would get at the start of the window: the last message before it, or else the first
+    message in it.
 
     Returns:
         The number of messages of each topic of the graph.
@@ -235,10 +235,10 @@ def _windows(bags: Sequence[Path], datasets: Sequence[DatasetPlan]) -> list[Time
 
 
 def merge_static(messages: Sequence[bytes]) -> bytes:
-    """One message with the last transform to each child frame.
+    """Return one message with the last transform of each child frame.
 
-    A late subscription receives only the last message of a latched topic, so by convention
-    (REP 105; tf2_ros.StaticTransformBroadcaster) a publisher keeps all transforms in one message.
+    A late subscription receives only the last message of a latched topic, so by convention (REP
+    105; tf2_ros.StaticTransformBroadcaster) a publisher keeps all transforms in one message.
 
     Args:
         messages: serialised tf2_msgs/TFMessage in the order of their recording.

@@ -44,7 +44,7 @@ class MonitorSubscriptions:
     waiting: tuple[MonitorPlan, ...]
 
     def update(self) -> None:
-        """Subscribe to what can be subscribed to now.
+        """Subscribe to the topics whose QoS is known by now.
 
         Raises:
             RunError: a process does not respond, or exited.
@@ -74,7 +74,7 @@ def wait_until_matched(
     deadline: StartDeadline,
     subscribe: Callable[[], None] = lambda: None,
 ) -> None:
-    """Wait until the endpoints of the harness are matched; says once what is missing.
+    """Wait until the endpoints of the harness are matched; report once which are missing.
 
     Args:
         graph: of the phase that starts.
@@ -125,7 +125,7 @@ def wait_until_matched(
 
 
 def subscription_counts(graph: PhaseGraph, topics: Iterable[str]) -> dict[str, int]:
-    """Return how many subscriptions topics have among the Python nodes that have been started."""
+    """Return the number of subscriptions to each topic among the Python nodes that have started."""
     subscribed = Counter(
         topic for _, topic, _, does in graph.launcher.endpoints if does == "subscribes"
     )
@@ -133,7 +133,7 @@ def subscription_counts(graph: PhaseGraph, topics: Iterable[str]) -> dict[str, i
 
 
 def expected_subscriptions(graph: PhaseGraph, topic: str) -> int:
-    """How many subscriptions a topic of the harness must match: the planned, at least one."""
+    """Return how many subscriptions a topic of the harness must match; at least one."""
     nodes = {
         node
         for planned in graph.plan.topics

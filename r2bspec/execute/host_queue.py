@@ -1,9 +1,9 @@
-"""The queue of a host: benchmarks that run at the same time measure each other.
+"""The queue of a host: benchmarks that run at the same time disturb each other.
 
-Whoever wants the host takes a ticket: a file with the next number in a folder for temporary files,
-which all users share. The lowest ticket runs. Its process has each ticket locked, and the kernel
-ends the lock with the process, however it ends: a ticket that nobody has locked counts for nothing.
-Numbers are given, and abandoned tickets removed, under a lock of the folder.
+A run that wants the host takes a ticket: a file with the next number, in a folder for temporary
+files that all users share. The lowest ticket runs. The process of each run locks its ticket, and
+the kernel releases the lock when the process ends, however it ends: a ticket without a lock does
+not count. Numbers are assigned, and abandoned tickets removed, under a lock of the folder.
 
 A ticket also says whose it is and how long that will take, for people who wait. Nothing is decided
 by that text.
@@ -42,7 +42,7 @@ _NUMBER: Final = re.compile(r"[1-9][0-9]{0,14}")
 
 
 class HostBusyError(R2bspecError):
-    """Other runs have this host for longer than it was to be waited."""
+    """Other runs have this host for longer than the user wants to wait."""
 
     code = "R2B697"
     way_out = (
@@ -52,7 +52,7 @@ class HostBusyError(R2bspecError):
 
 
 class Holder(msgspec.Struct, frozen=True):
-    """What a ticket says of the run that has it.
+    """What a ticket says of the run that holds it.
 
     Attributes:
         name: of the benchmark.
@@ -70,7 +70,7 @@ class Holder(msgspec.Struct, frozen=True):
         return f"{printable(self.name)} (process {self.process})" if self.process else self.name
 
     def left_s(self) -> float | None:
-        """Return how long it will still take; None if that is not known, or was exceeded."""
+        """Return how long the run will still take; None if that is unknown, or was exceeded."""
         if self.seconds is None or self.began_s is None:
             return self.seconds
         left_s = self.seconds - (time.monotonic() - self.began_s)
@@ -96,7 +96,7 @@ class Place:
         )
 
     def left(self) -> str:
-        """Return in words how long it will take until it is the first."""
+        """Return in words how long it will take until this place is the first."""
         left_s = [holder.left_s() for holder in self.ahead]
         known = math.fsum(each for each in left_s if each is not None)
         if None not in left_s:
@@ -108,9 +108,9 @@ OnWait = Callable[[Place], None]
 
 
 def queue_folder() -> Path:
-    """Return the folder of the tickets, in that for temporary files.
+    """Return the folder of the tickets, inside the folder for temporary files.
 
-    `tempfile.gettempdir` would choose another one where the disk is full, with another queue.
+    `tempfile.gettempdir` would choose another folder if the disk is full, and thus another queue.
     """
     return Path(os.environ.get("TMPDIR") or _TEMPORARY) / _FOLDER
 
@@ -119,10 +119,10 @@ def queue_folder() -> Path:
 def host_to_itself(
     name: str, *, seconds: float | None = None, wait_s: float = math.inf, on_wait: OnWait
 ) -> Iterator[None]:
-    """Have the host to oneself for as long as the context lasts, after those who came before.
+    """Wait for the runs that came before, then hold the host for the block.
 
-    Where another user has made the folder so that it cannot be used there is no queue, and the run
-    goes on: a benchmark next to another one is better than none.
+    If another user has made the folder unusable there is no queue, and the run continues: a
+    benchmark beside another is better than none.
 
     Args:
         name: of the benchmark, for those who wait.

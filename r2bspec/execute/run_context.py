@@ -1,7 +1,7 @@
-"""What every state of a run uses, the time of its optional parts, and what others did meanwhile.
+"""What every state of a run uses: its context, its time budget, and host interference.
 
-A probe, a start and the harness overhead are examined for interference as they end; iterations are
-when the run is judged, from the same samples.
+Interference with a probe, a start and the harness overhead is determined as they end; that with
+iterations when the run is judged, from the same samples.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _POLL_S = 0.005
 
 @dataclass(frozen=True)
 class Interference:
-    """What others did in a part of the run.
+    """The interference of other programs with a part of the run.
 
     Attributes:
         reasons: in words, as in reports; empty if no limit was exceeded.
@@ -54,7 +54,7 @@ class Interference:
 
 @dataclass(frozen=True)
 class HostWatch:
-    """Answers for parts of the run that have ended.
+    """Reports interference with parts of the run that have ended.
 
     Attributes:
         resources: samples the run and the machine.
@@ -67,7 +67,7 @@ class HostWatch:
     machine: Mapping[str, Any]
 
     def between(self, began_ns: int, ended_ns: int) -> Interference:
-        """The interference between two times (CLOCK_MONOTONIC), of which the second is past."""
+        """Return the interference between two times (CLOCK_MONOTONIC), both in the past."""
         rows = self._rows_until(ended_ns)
         window = np.array([began_ns]), np.array([ended_ns])
         used = ProcessSamples(self.resources.rows()).used_in(*window)
@@ -87,7 +87,7 @@ class HostWatch:
 
 
 def interference_of(found: HostInterference | None) -> Interference:
-    """Return what was sampled, in words and as a share."""
+    """Return the sampled interference in words and as a share."""
     reasons = interference_reasons(found)
     return Interference(reasons, taken_share(found)) if reasons else Interference()
 
@@ -115,15 +115,15 @@ class TimeBudget:
         self.left_out: list[str] = []
 
     def begin(self) -> None:
-        """Start the time."""
+        """Start the clock."""
         self._began_s = time.monotonic()
 
     def spent_s(self) -> float:
-        """Seconds since `begin`."""
+        """Return the seconds since `begin`."""
         return 0.0 if self._began_s is None else time.monotonic() - self._began_s
 
     def allows(self, what: str, seconds: float) -> bool:
-        """Return whether a part is expected to fit; if not, it is noted.
+        """Return True if a part is expected to fit; if not, note it.
 
         Args:
             what: the note, such as ``no confirmation run``.
@@ -175,9 +175,9 @@ class RunContext:
 
     @property
     def buffer_dir(self) -> Path:
-        """Where the messages are that are played."""
+        """The folder of the messages to play."""
         return self.scratch / "buffers"
 
     def note(self, text: str) -> None:
-        """Tell the user something, and keep it for the record."""
+        """Show the user a message, and keep it for the record."""
         self.states.note(text)

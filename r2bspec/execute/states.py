@@ -1,8 +1,8 @@
-"""The states of a run: what each does, and which can follow it.
+"""The states of a run: what each of them does, and which can follow it.
 
 `r2bspec.execute.controller` has the states of the whole run, `r2bspec.execute.start.start` those of
-one start, `r2bspec.execute.measurement.measurement` those in which is measured. The record names
-the same states, as its phases; docs/execution.md draws them.
+a start, `r2bspec.execute.measurement.measurement` those that measure. The record names the same
+states, as its phases; docs/execution.md draws them.
 
 Every state is left early in the same way. A fault of a process, a signal and a memory limit are
 seen wherever the controller waits, and raise an error there; whatever the state, the controller
@@ -46,19 +46,19 @@ class Progress:
     """Receives progress; every method returns immediately and never raises. These discard it."""
 
     def phase(self, name: str, text: str) -> None:
-        """A phase of the plan begins."""
+        """Receive the begin of a phase of the plan."""
 
     def step(self, done: int, total: int) -> None:
-        """How much of a countable phase is done."""
+        """Receive how much of a countable phase is done."""
 
     def segment(self, title: str, steps: int) -> None:
-        """A segment of `steps` steps begins."""
+        """Receive the begin of a segment of `steps` steps."""
 
     def playing(self, view: SegmentProgress) -> None:
-        """The progress of the current segment; called four times a second."""
+        """Receive the progress of the current segment; called four times a second."""
 
     def waiting(self, place: str, left: str) -> None:
-        """The run waits for others on this host; called five times a second.
+        """Receive the place in the queue of this host; called five times a second.
 
         Args:
             place: in the queue, and whom it waits for.
@@ -71,7 +71,7 @@ class Progress:
     _place = ""
 
     def note(self, text: str) -> None:
-        """A one-line message for the user."""
+        """Receive a one-line message for the user."""
 
 
 class RunState(StrEnum):
@@ -169,7 +169,7 @@ NEXT: Final[Mapping[RunState, Set[RunState]]] = {
 
 
 class PhaseClock:
-    """Divides the time since it was made into phases, and these into work and waits."""
+    """Divides the time since its creation into phases, and these into work and waits."""
 
     def __init__(self) -> None:
         self._ended: list[PhaseTime] = []
@@ -178,7 +178,7 @@ class PhaseClock:
         self._start(RunState.PREPARE, time.monotonic_ns())
 
     def begin(self, name: str) -> None:
-        """End the phase that runs, and begin another one at the same time."""
+        """End the current phase, and begin the next at the same time."""
         self._ended = [*self.phases()]
         self._start(name, self._ended[-1].ended_ns)
 
@@ -189,7 +189,7 @@ class PhaseClock:
 
     @contextlib.contextmanager
     def waiting(self, what: str) -> Iterator[None]:
-        """Count the time of the block as a wait; one inside another belongs to the outer one."""
+        """Count the time of the block as a wait; a nested wait belongs to the outer wait."""
         if self._is_waiting:
             yield
             return
@@ -204,7 +204,7 @@ class PhaseClock:
             waits[what] = count + 1, took_ns + time.monotonic_ns() - began_ns
 
     def phases(self) -> tuple[PhaseTime, ...]:
-        """Return all phases; the last one, which runs, as if it ended now."""
+        """Return all phases; the current phase as if it ended now."""
         waits = [
             WaitTime(what=what, count=count, took_ns=took_ns)
             for what, (count, took_ns) in self._waits.items()
@@ -220,7 +220,7 @@ class PhaseClock:
 
 
 class RunStates:
-    """The state that a run is in, those that it has been in, and what was noted on the way.
+    """The current state of a run, its earlier states, and the notes made on the way.
 
     Attributes:
         state: which it is in.
@@ -235,7 +235,7 @@ class RunStates:
         self.events: list[tuple[int, str]] = []
 
     def enter(self, state: RunState, text: str) -> None:
-        """Go on to a state; `text` says to the user what happens in it.
+        """Enter a state; `text` tells the user what happens in it.
 
         Raises:
             RuntimeError: it cannot follow the state that the run is in.
@@ -248,7 +248,7 @@ class RunStates:
         self._progress.phase(state.value, text)
 
     def note(self, text: str) -> None:
-        """Tell the user something, and keep it for the record."""
+        """Show the user a message, and keep it for the record."""
         self.events.append((time.monotonic_ns(), text))
         self._progress.note(text)
 
@@ -305,7 +305,7 @@ class Interrupts:
 
     @contextlib.contextmanager
     def immediate(self) -> Iterator[None]:
-        """While active, a signal raises immediately instead of in the next `check`.
+        """Let a signal raise immediately instead of in the next `check`.
 
         For long work without ordered cleanup, such as reading a bag.
 

@@ -1,9 +1,9 @@
 """When the steps of a playback come, if not at equal intervals.
 
 Arrivals at equal intervals are the kindest load: a queue of requests forms only if some are slower
-than the interval. In service they come irregularly, and the tail of the latency is made of those
-that came soon after others. The server scenario of MLPerf Inference plays Poisson arrivals for that
-reason.
+than the interval. In service they come irregularly, and the tail of the latency consists of
+requests that came soon after others. The server scenario of MLPerf Inference plays Poisson arrivals
+for that reason.
 
 All kinds have the number and the length of a playback at equal intervals, n steps in T = n / rate,
 and the first step at 0, so that the rate is their mean rate. With u drawn from a seed:
@@ -30,7 +30,7 @@ _LEAST_NS = 1_000
 
 
 def step_times_ns(arrivals: Arrivals, rate_hz: float, steps: int, name: str) -> NDArray[np.int64]:
-    """Return when steps are due, in nanoseconds after the first one, ascending.
+    """Return when steps are due, in ns after the first step, ascending.
 
     Args:
         arrivals: their kind and seed.

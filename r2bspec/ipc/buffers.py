@@ -1,4 +1,4 @@
-"""Buffers of serialised messages, and the stamps inside these: of headers, and of transforms.
+"""Buffers of serialised messages, and the stamps inside them: of headers, and of transforms.
 
 A buffer has the messages of one topic: ``NAME.cdr`` contains them one after another, ``NAME.json``
 their stamps, times and sizes. The stamp is the header stamp if the type has a header, and the time
@@ -38,7 +38,7 @@ _TRANSFORM_BYTES = 7 * 8
 
 
 def transform_stamps(message: bytes) -> list[tuple[int, int]]:
-    """Return where each stamp of a serialised TFMessage is, and its value in ns.
+    """Return the position of each stamp of a serialised TFMessage, and its value in ns.
 
     Raises:
         ValueError: the bytes are not a TFMessage.
@@ -98,7 +98,7 @@ def buffer_path(folder: Path, topic: str, suffix: str) -> Path:
 
 
 class BufferWriter:
-    """Appends messages to a buffer. `close` writes the index, so a buffer with one is complete."""
+    """Appends messages to a buffer; `close` writes the index, without which it is incomplete."""
 
     def __init__(
         self, folder: Path, topic: str, type_name: str, *, has_header: bool | None

@@ -1,6 +1,7 @@
-"""The messages of `r2bspec.ipc.protocol` as native players and monitors read and write them.
+"""The messages of `r2bspec.ipc.protocol` in the form of native players and monitors.
 
-A command is some words, each followed by a zero byte; how many come is known from those before::
+A command is a list of words, each followed by a zero byte; their number follows from the words
+before::
 
     harness                                         ConfigureHarness
     player INPUTS {TYPE QOS TOPIC BUFFER}           ConfigurePlayer

@@ -27,14 +27,14 @@ _QUEUE: Final = 100_000
 
 
 class NetworkError(R2bspecError):
-    """No network can be emulated on this machine."""
+    """This machine cannot emulate a network."""
 
     code = "R2B421"
     exit_code = ExitStatus.USAGE
 
 
 def netem_arguments(network: Network) -> list[str]:
-    """Return what tc is told of a network; jitter is uniform, and may change the order."""
+    """Return the arguments of tc for a network; jitter is uniform, and may change the order."""
     words = ["limit", str(_QUEUE)]
     if network.delay is not None:
         jitter_ns = 0 if network.jitter is None else network.jitter.ns
@@ -54,7 +54,7 @@ class NetworkNamespace:
     """
 
     def __init__(self, network: Network) -> None:
-        """Make the namespace.
+        """Create the namespace.
 
         Raises:
             NetworkError: a program, a permission or a part of the kernel is missing.
@@ -87,13 +87,13 @@ class NetworkNamespace:
         self.prefix = (nsenter, *places, *["--preserve-credentials"] * is_unprivileged, "--")
 
     def close(self) -> None:
-        """Let the namespace vanish with the processes in it."""
+        """Let the namespace end with its last process."""
         while self._files:
             os.close(self._files.popitem()[1])
 
 
 def why_not_emulated() -> NetworkError | None:
-    """Return why this machine emulates no network; None if it does."""
+    """Return why this machine cannot emulate a network; None if it can."""
     try:
         NetworkNamespace(Network()).close()
     except NetworkError as error:

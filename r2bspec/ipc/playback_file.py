@@ -1,4 +1,4 @@
-"""Playback files: what a player publishes when, and when it did so.
+"""Playback files: when a player publishes what, and when it did so.
 
 The controller writes a file for each playback, and the player (``player.c``) maps it, plays it, and
 writes the times into it. A file has the entries (`ENTRY_DTYPE`) after a header, all little-endian::
@@ -88,7 +88,7 @@ _BLOCK = 1 << 17
 
 @dataclass(frozen=True)
 class Round:
-    """One round of a schedule.
+    """A round of a schedule.
 
     Attributes:
         entries: of type `ENTRY_DTYPE`, in the order in which they are due. Steps and `complete`
@@ -135,7 +135,7 @@ class Round:
 
 @dataclass(frozen=True)
 class CyclicRound(Round):
-    """One round of steps without times.
+    """A round of steps without times.
 
     Attributes:
         at: for each entry, when it is due, in steps from the beginning of the round.
@@ -162,7 +162,7 @@ class CyclicRound(Round):
 
 @dataclass(frozen=True)
 class TimelineRound(Round):
-    """One round of a recording; each playback begins at its beginning, so that all are equal.
+    """A round of a recording; every playback starts at its beginning, so that all are equal.
 
     The due times and stamps of `entries` are those of the first round.
 
@@ -192,7 +192,7 @@ class TimelineRound(Round):
 
 
 def complete_steps(steps: NDArray[np.int32]) -> NDArray[np.int32]:
-    """For each entry of a round, how many steps, from the first, are complete once it is published.
+    """Return, for each entry of a round, how many steps are complete once it is published.
 
     Args:
         steps: of each entry, or `NO_STEP`. Every step has an entry.
@@ -276,7 +276,7 @@ class _Entries:
 def read_round(
     schedule: Schedule, sources: Sequence[str], stamped: Sequence[bool], folder: Path
 ) -> Round:
-    """One round of what the player gets for a schedule.
+    """Return a round of the data that the player gets for a schedule.
 
     Args:
         schedule: of the player.
@@ -348,7 +348,7 @@ def playback_path(path: Path, number: int) -> Path:
 
 
 def write_playlist(path: Path, made: Round) -> None:
-    """Write the file of all messages, which the player loads before it plays some of them.
+    """Write the file of all messages, which the player loads before it plays any of them.
 
     Raises:
         OSError: the disk is full; it has the name of the file.
@@ -441,8 +441,8 @@ def _write(
 class PlaybackReader:
     """Reads the steps that a player has played so far, as one sequence over all its playbacks.
 
-    A step is in it once it and all steps before it are complete. Its row has the stamp and the
-    times of its first entry, and the end of its last one.
+    A step is included once it and all steps before it are complete. Its row has the stamp and the
+    times of its first entry, and the end of its last entry.
 
     Args:
         path: the files are ``PATH-1``, ``PATH-2`` and so on.
@@ -473,7 +473,7 @@ class PlaybackReader:
         return np.concatenate(blocks)
 
     def last_stamp_ns(self) -> int:
-        """Return the last stamp of a step that was played; 0 before the first one."""
+        """Return the last stamp of a step that was played; 0 before the first step."""
         self._find_playbacks()
         # Stamps ascend from playback to playback.
         stamps_ns = (playback.last_stamp_ns() for playback in reversed(self._playbacks))

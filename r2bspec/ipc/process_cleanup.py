@@ -1,8 +1,8 @@
-"""Ending what a run has started, and removing what that leaves in shared memory.
+"""Ending the processes of a run, and removing what they leave in shared memory.
 
-A process belongs to a run if it is in a session that the run opened, or carries the run's id in
-its environment: the first finds every descendant that stayed, the second those that opened a
-session of their own.
+A process belongs to a run if it is in a session that the run opened, or carries the run's id in its
+environment: the first finds every descendant that stayed, the second those that opened a session of
+their own.
 
 The number of a session alone ends no process, because the kernel uses it again. It keeps a number
 for as long as a process has it, or is in the session or group of that number. The process that
@@ -55,7 +55,7 @@ class ProcessSession:
         return cls(pid, start_ticks(pid) or 0)
 
     def is_shown_by(self, members: Iterable[int]) -> bool:
-        """Return whether processes in a session of this number show that it is still this one."""
+        """Return True if processes in a session of this number show that it is still the same."""
         first = start_ticks(self.pid)
         if first is not None:
             return first == self.started
@@ -65,7 +65,7 @@ class ProcessSession:
 
 
 class SessionLeader(subprocess.Popen[bytes]):
-    """A process in a session of its own; knows until when it had its number."""
+    """A process in a session of its own, with the time until which it had its number."""
 
     def __init__(self, *args: Any, **settings: Any) -> None:
         self._held: int | None = None
@@ -73,7 +73,7 @@ class SessionLeader(subprocess.Popen[bytes]):
         self._started = start_ticks(self.pid) or 0
 
     def poll(self) -> int | None:
-        """As `subprocess.Popen.poll`."""
+        """Poll like `subprocess.Popen.poll`."""
         if self.returncode is not None:
             return self.returncode
         before = now_ticks()
@@ -84,7 +84,7 @@ class SessionLeader(subprocess.Popen[bytes]):
 
     @property
     def session(self) -> ProcessSession:
-        """The session that it opened."""
+        """The id of the session that it opened."""
         return ProcessSession(self.pid, self._started, self._held)
 
 
@@ -94,7 +94,7 @@ def now_ticks() -> int:
 
 
 def start_ticks(pid: int) -> int | None:
-    """When a process started, in clock ticks since boot; None if there is none."""
+    """Return when a process started, in clock ticks since boot; None if there is none."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text(errors="replace")
     except OSError:
@@ -109,7 +109,7 @@ _EMPTY_SCANS = 3
 
 
 def run_processes(run_id: str, sessions: Iterable[ProcessSession]) -> list[psutil.Process]:
-    """Return every living process of a run, the calling process excepted."""
+    """Return every living process of a run, except the calling process."""
     sessions_by_pid = {known_session.pid: known_session for known_session in sessions}
     members: dict[int, list[psutil.Process]] = {pid: [] for pid in sessions_by_pid}
     marked: list[psutil.Process] = []
@@ -134,9 +134,9 @@ def run_processes(run_id: str, sessions: Iterable[ProcessSession]) -> list[psuti
 
 
 def carries_run_id(pid: int, run_id: str) -> bool:
-    """Return whether a process has the id of a run in its environment.
+    """Return True if a process has the id of a run in its environment.
 
-    Never if that cannot be read.
+    False if the environment cannot be read.
     """
     try:
         variables = Path(f"/proc/{pid}/environ").read_bytes() if run_id else b""
@@ -146,7 +146,7 @@ def carries_run_id(pid: int, run_id: str) -> bool:
 
 
 def kill_process_groups(sessions: Iterable[ProcessSession]) -> None:
-    """Kill what is left in the first process group of each session."""
+    """Kill the remaining processes of the first process group of each session."""
     session_list = list(sessions)
     groups = {each.pid for each in session_list}
     for process in run_processes("", session_list):

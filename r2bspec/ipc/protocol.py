@@ -34,11 +34,11 @@ MODULES_FOLDER_VARIABLE = "R2BSPEC_MODULES_FOLDER"
 
 
 class Command(msgspec.Struct, frozen=True, kw_only=True, tag_field="type"):
-    """What the controller asks; the JSON key `type` names the class."""
+    """A command of the controller; the JSON key `type` names the class."""
 
 
 class Reply(msgspec.Struct, frozen=True, kw_only=True, tag_field="type"):
-    """What a child answers; the JSON key `type` names the class."""
+    """An answer of a child process; the JSON key `type` names the class."""
 
 
 STATIC: Final = InputPlan(
@@ -52,7 +52,7 @@ STATIC: Final = InputPlan(
 
 
 class ConfigureLoader(Command, frozen=True, kw_only=True, tag=True):
-    """Be the loader: publish `sources` (topic: type), record `recorded` (topic: type).
+    """Configure the loader: publish `sources` (topic: type), record `recorded` (topic: type).
 
     `buffer_dir` contains one buffer per source and receives one per recorded topic.
 
@@ -73,7 +73,7 @@ class ConfigureLoader(Command, frozen=True, kw_only=True, tag=True):
 
 
 class ConfigurePlayer(Command, frozen=True, kw_only=True, tag=True):
-    """Be the player: publish `inputs` and `transforms` (topics) from the buffers.
+    """Configure the player: publish `inputs` and `transforms` (topics) from the buffers.
 
     The reply, `Ready`, states which inputs have a header. `LoadSchedule` sets the schedule. Of the
     transforms, /tf is played; /tf_static is the observer's.
@@ -86,9 +86,9 @@ class ConfigurePlayer(Command, frozen=True, kw_only=True, tag=True):
 
 
 class ConfigureCalls(Command, frozen=True, kw_only=True, tag=True):
-    """Be a player that calls services; it writes the rows of the playback and of the answers.
+    """Configure a player that calls services; it writes the rows of playback and answers.
 
-    `CountMatches` says of each service whether it is there.
+    `CountMatches` says for each service whether it is available.
 
     Attributes:
         buffer_dir: has the buffers of recorded requests.
@@ -113,19 +113,19 @@ class LoadSchedule(Command, frozen=True, kw_only=True, tag=True):
 
 
 class ConfigureMonitor(Command, frozen=True, kw_only=True, tag=True):
-    """Be the monitor: record `monitors` to ``ROWS_DIR/NAME.rows``, from `Subscribe` on."""
+    """Configure the monitor: record `monitors` to ``ROWS_DIR/NAME.rows``, from `Subscribe` on."""
 
     monitors: tuple[MonitorPlan, ...]
     rows_dir: str
 
 
 class ConfigureObserver(Command, frozen=True, kw_only=True, tag=True):
-    """Be the observer, which answers what discovery shows.
+    """Configure the observer, which reports what discovery shows.
 
     On the topics of `guarded`, every publisher is examined; see `ForeignPublisher`. It also
-    publishes what nodes need before anything is played, and what has no due times: before it is
-    ready, it has published `latched`, of each topic the message in its buffer, and with `clock` the
-    system time on /clock.
+    publishes messages without due times, which nodes need before anything is played: before it is
+    ready, it has published for each topic of `latched` the message in its buffer, and with `clock`
+    the system time on /clock.
     """
 
     guarded: tuple[str, ...] = ()
@@ -135,7 +135,7 @@ class ConfigureObserver(Command, frozen=True, kw_only=True, tag=True):
 
 
 class ConfigureHost(Command, frozen=True, kw_only=True, tag=True):
-    """Be the host of these Python nodes; ``./file.py`` is relative to `base_dir`."""
+    """Configure the host of these Python nodes; ``./file.py`` is relative to `base_dir`."""
 
     nodes: tuple[NodePlan, ...]
     base_dir: str
@@ -168,9 +168,9 @@ class ConfigureCaller(Command, frozen=True, kw_only=True, tag=True):
 
 
 class ConfigureInspector(Command, frozen=True, kw_only=True, tag=True):
-    """Write what the nodes of a namespace have to a file, as JSON; `Ready` follows.
+    """Write the interfaces of the nodes of a namespace to a JSON file; `Ready` follows.
 
-    The first of them is waited for `timeout_s` seconds.
+    The first node is waited for `timeout_s` seconds.
     """
 
     namespace: str
@@ -179,7 +179,7 @@ class ConfigureInspector(Command, frozen=True, kw_only=True, tag=True):
 
 
 class ConfigureComponents(Command, frozen=True, kw_only=True, tag=True):
-    """Be the one that loads components into containers that run, as `LoadComponent` says."""
+    """Configure the process that loads components into running containers; see `LoadComponent`."""
 
 
 class LoadComponent(Command, frozen=True, kw_only=True, tag=True):
@@ -197,8 +197,8 @@ class LoadComponent(Command, frozen=True, kw_only=True, tag=True):
 class Subscribe(Command, frozen=True, kw_only=True, tag=True):
     """Create subscriptions; the reply, `Matched`, is sent immediately.
 
-    For a monitor: those of `monitors`, of which each has a QoS. For a loader: those of all topics
-    that it records. A topic whose publisher has not been discovered waits and has the count 0.
+    For a monitor: those of `monitors`, each with a QoS. For a loader: those of all topics that it
+    records. A topic whose publisher has not been discovered waits and has the count 0.
     """
 
     monitors: tuple[MonitorPlan, ...] = ()
@@ -226,7 +226,7 @@ class ListModules(Command, frozen=True, kw_only=True, tag=True):
 
 
 class AwaitLatched(Command, frozen=True, kw_only=True, tag=True):
-    """Wait until all matched subscriptions have received what is latched, but not for long.
+    """Wait, for a limited time, until all matched subscriptions have received latched messages.
 
     The reply is `Matched`.
     """
@@ -263,7 +263,7 @@ Transition = Literal["configure", "activate"]
 
 
 def callback_failure(node: str, callback: str) -> str:
-    """How the line in the output of a Python process begins that says why a transition failed."""
+    """Return the start of the output line that tells why a transition failed in Python."""
     return f"{callback} of {node} "
 
 
@@ -276,11 +276,11 @@ class ChangeState(Command, frozen=True, kw_only=True, tag=True):
 
 
 class DescribeNodes(Command, frozen=True, kw_only=True, tag=True):
-    """Ask a host what its nodes have by now. The reply is `Ready`."""
+    """Ask a host for the current interfaces of its nodes. The reply is `Ready`."""
 
 
 class ListForeign(Command, frozen=True, kw_only=True, tag=True):
-    """Ask which publishers were ever seen on guarded topics that may be no process's of the run."""
+    """Ask for the publishers on guarded topics that may be of no process of the run."""
 
 
 class Load(Command, frozen=True, kw_only=True, tag=True):
@@ -329,21 +329,19 @@ class Shutdown(Command, frozen=True, kw_only=True, tag=True):
 
 
 class Prepared(Reply, frozen=True, kw_only=True, tag=True):
-    """Everything is imported: until its role follows, the process waits and uses no processor."""
+    """Everything is imported; until its role follows, the process waits without using the CPU."""
 
 
 class Ready(Reply, frozen=True, kw_only=True, tag=True):
     """The child is configured. Except for two fields, all are from a host.
 
-    With `is_program`, the function of a host makes and spins its nodes itself, and nothing is
-    known of them.
-    `headers` states for each topic of a player whether its type begins with a header, `rmw` which
-    middleware a monitor has loaded. `endpoints`
-    lists (node, topic, type, ``publishes`` or ``subscribes``), `undeclared` the parameters in the
-    plan that the node does not declare, as (node, parameter), `parameters` the declared ones of
-    each node, and `unmatched` the remappings that changed no name of the node, as (node, name
-    before as written, full name after). `lifecycle` names the lifecycle nodes, of which all this
-    may change when they are configured.
+    With `is_program`, the function of a host creates and spins its nodes itself, and nothing is
+    known of them. `headers` states for each topic of a player whether its type begins with a
+    header, `rmw` which middleware a monitor has loaded. `endpoints` lists (node, topic, type,
+    ``publishes`` or ``subscribes``), `undeclared` the parameters in the plan that the node does not
+    declare, as (node, parameter), `parameters` the declared ones of each node, and `unmatched` the
+    remappings that changed no name of the node, as (node, name before as written, full name after).
+    `lifecycle` names the lifecycle nodes, for which all this may change when they are configured.
     """
 
     endpoints: tuple[tuple[str, str, str, str], ...] = ()
@@ -453,9 +451,9 @@ class LifecycleStates(Reply, frozen=True, kw_only=True, tag=True):
 
 
 class StateChanged(Reply, frozen=True, kw_only=True, tag=True):
-    """How a transition went: what its callback returned, or that there was no answer.
+    """The outcome of a transition: the return value of its callback, or no answer.
 
-    `unknown` is a failure of which nothing else is known. `state` is that of the node afterwards;
+    `unknown` is a failure without further information. `state` is that of the node afterwards;
     empty without an answer.
     """
 
@@ -478,7 +476,7 @@ class ForeignPublisher(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ForeignPublishers(Reply, frozen=True, kw_only=True, tag=True):
-    """All that were seen on guarded topics since the observer was started."""
+    """All foreign publishers seen on guarded topics since the start of the observer."""
 
     publishers: tuple[ForeignPublisher, ...]
 
@@ -488,7 +486,7 @@ class Called(Reply, frozen=True, kw_only=True, tag=True):
 
 
 class Composed(Reply, frozen=True, kw_only=True, tag=True):
-    """The answer of a container: the component is loaded, or why not."""
+    """The answer of a container: the component is loaded, or the reason why not."""
 
     loaded: bool
     reason: str = ""
@@ -508,7 +506,7 @@ class Played(Reply, frozen=True, kw_only=True, tag=True):
 
 
 class Watched(Reply, frozen=True, kw_only=True, tag=True):
-    """The number of processes whose processor time is recorded: the first ones that were named."""
+    """The number of processes whose processor time is recorded: the first that were named."""
 
     clocks: int
 

@@ -1,7 +1,7 @@
 """Files that one process of a run appends to while another reads them.
 
-A sample file is nothing but rows of int64, little-endian and of a fixed size. Each is appended in
-one write; a reader ignores an incomplete row at the end, which a killed process may leave.
+A sample file contains only rows of int64, little-endian and of a fixed size. Each row is appended
+in one write; a reader ignores an incomplete row at the end, which a killed process may leave.
 
 One of them is the log of stalls. The middleware records arrivals on a thread of the monitor's
 process. While this process does not run, because the machine is overloaded or the process was
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def named_errors(path: Path) -> Iterator[None]:
-    """Add the name of a file to errors of the system, which does not give it for an open file."""
+    """Add the name of a file to system errors, which lack it for an open file."""
     try:
         yield
     except OSError as error:
@@ -101,7 +101,7 @@ _FIELDS = (("began_ns", "<i8"), ("ended_ns", "<i8"))
 
 
 class StallLogReader:
-    """Reads how long the monitor was stalled; of several, in folders of their own, the worst."""
+    """Reads how long the monitor was stalled; with several monitors, the worst."""
 
     def __init__(self, rows_dir: Path) -> None:
         further = sorted(rows_dir.glob(f"*/{STALL_FILE}"))
@@ -149,7 +149,7 @@ class ClockOffsetTracker:
         self._last_read_ns, self._difference_ns = read_clocks(monotonic_ns, system_ns)
 
     def update(self) -> int:
-        """Check whether the system clock was set; returns the monotonic time in ns."""
+        """Check whether the system clock was set, and return the monotonic time in ns."""
         now_ns, difference_ns = read_clocks(self._monotonic_ns, self._system_ns)
         moved_ns = difference_ns - self._difference_ns
         if abs(moved_ns) > _MIN_STEP_NS + _MAX_SLEW * (now_ns - self._last_read_ns):
@@ -218,12 +218,12 @@ class ArrivalReader(RowReader):
 
 
 def arrival_times(rows: NDArray[np.void]) -> NDArray[np.int64]:
-    """When messages arrived, on the monotonic clock.
+    """Return when messages arrived, on the monotonic clock.
 
     A message that arrived before a step of the system clock and is taken after it has a time by the
-    clock as it was: this is the later one of the two possible times if it is not after the first
-    look at the new clock. A message that has waited for longer than the step was, and the first one
-    of a file, cannot be told apart in this way; they count as having arrived after the step.
+    clock as it was: this is the later of the two possible times if it is not after the first look
+    at the new clock. A message that has waited for longer than the step, and the first message of a
+    file, cannot be told apart in this way; they count as having arrived after the step.
 
     Args:
         rows: in the order in which they were taken, with the fields `ARRIVAL_FIELDS`.

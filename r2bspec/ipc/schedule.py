@@ -73,7 +73,7 @@ class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
     stamp_offsets_ns: tuple[tuple[int, ...], ...] = ()
 
     def stamp_groups(self) -> frozenset[int]:
-        """Return the sets of inputs, as bits, whose messages have one stamp."""
+        """Return the sets of inputs, as bits, whose messages share a stamp."""
         columns = self.columns or range(len(self.steps[0]) if self.steps else 0)
         groups = _Groups()
         for number in range(len(self.steps)):
@@ -85,7 +85,7 @@ class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
         return frozenset(groups.values())
 
     def span_ns(self, rate_hz: float, steps: int) -> int:
-        """Return how long so many steps take, up to when the one after them would be due."""
+        """Return how long `steps` steps take, up to when the following step would be due."""
         return round(steps * 1e9 / rate_hz)
 
     def steps_within(self, rate_hz: float, duration_ns: int) -> int:
@@ -145,7 +145,7 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
         return [offsets_ns[step] for step in range(len(self.steps))]
 
     def message_of(self, step: int) -> TimelineMessage:
-        """Return the message of a step of any round, where each step has one, with its due time."""
+        """Return the message of a step of any round, with its due time; each step must have one."""
         turns, place = divmod(step, len(self.steps))
         message = self.messages[place]
         return msgspec.structs.replace(
@@ -153,7 +153,7 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
         )
 
     def stamp_groups(self) -> frozenset[int]:
-        """Return the sets of inputs, as bits, whose messages have one stamp."""
+        """Return the sets of inputs, as bits, whose messages share a stamp."""
         groups = _Groups()
         for message in self.messages:
             if message.step != NO_STEP:
@@ -163,7 +163,7 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
         return frozenset(groups.values())
 
     def span_ns(self, rate_hz: float, steps: int) -> int:
-        """Return how long so many steps take, up to when the one after them would be due."""
+        """Return how long `steps` steps take, up to when the following step would be due."""
         del rate_hz
         rounds, rest = divmod(steps, len(self.steps))
         return rounds * self.period_ns + (self.due_offsets_ns()[rest] if rest else 0)
@@ -179,7 +179,7 @@ Schedule = CyclicSchedule | TimelineSchedule
 
 
 class Turns(msgspec.Struct, frozen=True):
-    """When a side of a comparison is played, by turns with the other one.
+    """When a side of a comparison is played, in turns with the other side.
 
     Attributes:
         begin_ns: when the first pair of steps begins, on the monotonic clock.

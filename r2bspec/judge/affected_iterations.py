@@ -1,8 +1,8 @@
-"""Host interference: which iterations it affected, and what it does to a verdict.
+"""Host interference: which iterations it affected, and how it changes a verdict.
 
-On a shared machine other programs take the processor, and what is measured then is the machine. An
-iteration of which they took more than a stated share
-(`r2bspec.judge.measure.host_usage.interference_reasons`) is played again once where the outcome
+On a shared machine other programs take the processor, and the measurement then shows the machine,
+not the graph. An iteration of which they took more than a stated share
+(`r2bspec.judge.measure.host_usage.interference_reasons`) is played again once if the outcome
 depends on it; after two reruns that were affected, too, the machine counts as always busy.
 
 With ``gate.interference: note`` a FAIL then counts only if it is clear. It is clear if
@@ -78,7 +78,7 @@ def find_affected_iterations(samples: RunSamples) -> dict[str, DisturbedIteratio
 def unaffected_or_rerun(
     one: SegmentSamples, samples: RunSamples, disturbed: Mapping[str, DisturbedIteration]
 ) -> SegmentSamples | None:
-    """Return an iteration if it is unaffected, else its rerun if that is, else None."""
+    """Return an iteration if it is unaffected, else an unaffected rerun of it, else None."""
     if one.segment.id not in disturbed:
         return one
     again = samples.reruns.get(one.segment.id)
@@ -109,9 +109,9 @@ def affected_iterations_text(
 def judge_probe(
     one: RequirementVerdict, record: RunRecord, policy: InterferencePolicy
 ) -> RequirementVerdict:
-    """Return a verdict that rests on probes, with regard to the interference during them.
+    """Return the verdict of a requirement on probes after an examination of interference.
 
-    The search has left failures that interference can explain out of its bracket already.
+    The search has already removed failures that interference can explain from its bracket.
     """
     probes = [probe for probe in _probes_of(one, record) if probe.disturbed]
     if not probes:
@@ -139,7 +139,7 @@ def _probes_of(one: RequirementVerdict, record: RunRecord) -> list[Probe]:
 
 
 def best_case_iteration(one: SegmentSamples) -> SegmentSamples:
-    """Return an affected iteration as it was at best without the interference."""
+    """Return an affected iteration as it would have been, at best, without the interference."""
     taken = taken_share(one.interference)
     anatomy = {
         name: np.maximum(0.0, values - taken)

@@ -30,7 +30,7 @@ _REMEDY = "Run again; if the failure is intermittent, look for what differs betw
 
 
 def needs_confirmation(verdict: Verdict) -> bool:
-    """Return whether a verdict is a FAIL that has to be confirmed by a second session."""
+    """Return True if a verdict is a FAIL that a second session has to confirm."""
     return verdict.outcome == "fail" and any(
         requirement.fails_run for requirement in verdict.requirements
     )
@@ -39,7 +39,7 @@ def needs_confirmation(verdict: Verdict) -> bool:
 def confirm_requirement(
     first: RequirementVerdict, second: RequirementVerdict | None
 ) -> RequirementVerdict:
-    """One requirement after both sessions.
+    """Combine the verdicts on a requirement of both sessions.
 
     Args:
         first: its verdict on the first session.
@@ -58,7 +58,7 @@ def confirm_requirement(
 
 
 def confirm_run(first: Verdict, second: Verdict, policy: InconclusivePolicy = "report") -> Verdict:
-    """Return a run after both sessions.
+    """Combine the verdicts on a run of both sessions.
 
     A second session that is invalid or incomplete confirms nothing: its failures count as not
     judged.

@@ -40,10 +40,11 @@ def decide_after_look(
     """Return what to do after a look.
 
     A requirement that fails stops the run: a second session in new processes confirms the failure
-    or does not (`r2bspec.judge.confirmation`); no more iterations of this session are played. One
-    that passes stops it before the declared iterations only if a test has decided it: an
-    observation is the more certain the more was observed. Before these, a decision needs room for
-    what was not met (`r2bspec.judge.unmet`). What needs no iterations waits for none.
+    or does not (`r2bspec.judge.confirmation`); no more iterations of this session are played. A
+    requirement that passes stops the run before the declared iterations only if a test has decided
+    it: an observation is the more certain the more was observed. An early decision needs room for
+    what the run has not met (`r2bspec.judge.unmet`). Requirements that need no iterations do not
+    delay the decision.
 
     Args:
         looks: the plan.
@@ -85,7 +86,7 @@ def _can_be_decided(one: RequirementVerdict) -> bool:
 
 
 def combine_looks(looks: InterimLooks, judged: Sequence[RequirementVerdict]) -> RequirementVerdict:
-    """One requirement at each look so far, as one verdict.
+    """Combine the verdicts on a requirement at all looks so far.
 
     Args:
         looks: the plan.
@@ -156,7 +157,7 @@ def decision_policy(plan: Plan, gate: GatePlan | None = None) -> DecisionPolicy:
 
 
 def without_own_confidence(objectives: Mapping[str, Objective]) -> dict[str, Objective]:
-    """Return the objectives as a second session judges them: at the confidence of the policy."""
+    """Return the objectives with the confidence of the policy, as a second session uses them."""
     return {
         name: msgspec.structs.replace(objective, confidence=None)
         for name, objective in objectives.items()

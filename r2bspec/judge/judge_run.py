@@ -103,7 +103,7 @@ def judge_confirmation(
     first: Verdict,
     policy: DecisionPolicy,
 ) -> Verdict:
-    """Judge the confirmation session on its own, at `CONFIRMATION_CONFIDENCE`, with looks as well.
+    """Judge the confirmation session alone, at `CONFIRMATION_CONFIDENCE`, with its looks.
 
     Args:
         objectives: by name.
@@ -139,7 +139,7 @@ def build_result(
     base_identity: GraphIdentity | None = None,
     anatomies: tuple[AnatomySummary, ...] = (),
 ) -> Result:
-    """Return the result of a run, or of several as one, that has been measured and judged."""
+    """Return the result of one or several runs that have been measured and judged."""
     record, plan = run.record, run.plan
     changes: tuple[str, ...] = ()
     if base_identity is not None and record.identity is not None:
@@ -176,7 +176,7 @@ def _on_what_was_played(verdict: Verdict, record: RunRecord) -> Verdict:
 
 
 def to_json(result: Result) -> bytes:
-    """The content of ``result.json``: fields in the order of the types, two spaces, a newline."""
+    """Return the content of ``result.json``: fields in declared order, two spaces, a newline."""
     return escaped_json(msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
 
 

@@ -2,9 +2,9 @@
 
 A pair is a start of both sides by turns, or a run of the base and one of the head. Requirements of
 the baseline are judged by the ratios of the pairs (`r2bspec.judge.ratio_of_starts`); all others by
-the runs of the head, as if they were one run with so many iterations. A rate is sustained if every
-run of the head shows it, and is not if every run shows that. A peak lies in the bracket that
-contains those of all runs.
+the runs of the head, joined to one run. A rate is sustained if every run of the head shows that it
+is, and not sustained if every run shows that it is not. A peak lies in the bracket that contains
+those of all runs.
 
 Pairs that cannot be judged, because the playback missed its schedule, are played again once and
 dropped if that does not help. With fewer than half of the planned pairs the comparison is INVALID.
@@ -72,13 +72,13 @@ class Pairs:
     confirms: str = ""
 
     def first(self, number: int) -> Pairs:
-        """Return the first pairs; each is one iteration of the merged run at each rate."""
+        """Return the first pairs; a pair is an iteration of the merged run at each rate."""
         merged = first_iterations(self.merged, number)
         return replace(self, base=self.base[:number], head=self.head[:number], merged=merged)
 
 
 def judge_comparison(objectives: Objectives, pairs: Pairs, policy: DecisionPolicy) -> Verdict:
-    """Judge a comparison, and say whether a failure was confirmed. A pure function.
+    """Judge a comparison, and say whether a failure was confirmed; a pure function.
 
     Args:
         objectives: of the head, by name.
@@ -94,7 +94,7 @@ def judge_comparison(objectives: Objectives, pairs: Pairs, policy: DecisionPolic
 
 
 def judge_pairs(objectives: Objectives, pairs: Pairs, policy: DecisionPolicy) -> Verdict:
-    """Judge pairs, without a word on what confirms them.
+    """Judge pairs, without a sentence on confirmation.
 
     Args:
         objectives: of the head, by name.
@@ -119,7 +119,7 @@ _BY_TURNS: Final = "trimmed t by turns"
 
 
 def leave_latencies_open(verdict: Verdict, played: int, policy: DecisionPolicy) -> Verdict:
-    """Return the verdict, with latencies left open on a busy machine whose work is decided.
+    """Return the verdict without latencies that a busy machine left open if work is decided.
 
     Args:
         verdict: on starts of both sides by turns.

@@ -100,9 +100,9 @@ def judge(
 ) -> Verdict:
     """Judge every requirement of every objective, and the run as a whole.
 
-    A requirement passes or fails only if the samples show it at the stated confidence; otherwise
-    it is inconclusive. What was not measured never passes. A metric of a monitor that is written
-    without one must be met at each monitor, and gets a verdict for each.
+    A requirement passes or fails only if the samples show it at the stated confidence; otherwise it
+    is inconclusive. What was not measured never passes. A metric of a monitor that is written
+    without a monitor must be met at each monitor, and gets a verdict for each.
 
     The verdict is a pure function of its arguments: where interim looks are planned, each is
     repeated on the iterations that it had.
@@ -121,7 +121,7 @@ def judge(
 
 @dataclass(frozen=True)
 class JudgedRun:
-    """The run that all requirements are judged by, and what is found out about it once."""
+    """The run that all requirements are judged by, with facts that are determined once."""
 
     objectives: Mapping[str, Objective]
     samples: RunSamples
@@ -139,12 +139,12 @@ class JudgedRun:
 
     @cached_property
     def unaffected_samples(self) -> RunSamples:
-        """The run without them, or with unaffected reruns in their places."""
+        """The run without affected iterations, or with unaffected reruns in their places."""
         return self.samples.with_each(self._unaffected)
 
     @cached_property
     def best_case_samples(self) -> RunSamples:
-        """The run at its best without the interference."""
+        """The run as it would have been, at best, without the interference."""
         return self.samples.with_each(lambda one: self._unaffected(one) or best_case_iteration(one))
 
     def _unaffected(self, one: SegmentSamples) -> SegmentSamples | None:
@@ -214,13 +214,13 @@ class JudgedRequirement:
         return combine_looks(looks, decisions)
 
     def decided_by_part(self, samples: RunSamples) -> RequirementVerdict:
-        """Return the decision on a part of the samples, at once: that it is smaller ends no run."""
+        """Return the decision on a part of the samples, as if it were the whole run."""
         own = self.objective.confidence
         policy = self.run.policy
         return self._decided_once(samples, own.fraction if own is not None else policy.confidence)
 
     def rests_on_more_than(self, rest: RequirementVerdict, whole: RequirementVerdict) -> bool:
-        """Whether a part of the samples decides otherwise, and not for lack of messages alone."""
+        """Return True if a part decides otherwise, and not only for lack of messages."""
 
         def distance(one: RequirementVerdict) -> float:
             """Return how far the estimate is in the direction of a FAIL."""
@@ -319,7 +319,7 @@ def _metric_of(
 
 
 def decide_case(case: RequirementCase, samples: RunSamples) -> Decision:
-    """Return the first reason for which nothing can be decided, or the decision of the method."""
+    """Return the first reason why nothing can be decided, or the decision of the method."""
     return (
         _undecidable(case, samples)
         or (_decided(case, samples) if case.info.statistic in _BY_RECORD else None)
@@ -336,7 +336,7 @@ def _decided(case: RequirementCase, samples: RunSamples) -> Decision:
 
 
 def method_of(case: RequirementCase) -> Decide:
-    """Return what decides a requirement on one run.
+    """Return the function that decides a requirement on one run.
 
     A ratio is decided by `judge.ratio_of_starts`.
     """
@@ -451,10 +451,7 @@ def _without_events(case: RequirementCase) -> Decision | None:
 def latency_unknown_by_order(
     info: MetricInfo, monitor: str | None, iterations: Sequence[SegmentSamples]
 ) -> tuple[str, str] | None:
-    """Return why a latency is unknown where outputs are matched by order, and what to do.
-
-    Else None.
-    """
+    """Return why a latency is unknown with matching by order, and what to do; else None."""
     if monitor is None or not info.metric.lost_is_slowest:
         return None
     seen = [iteration.monitors[monitor] for iteration in iterations]
@@ -479,7 +476,7 @@ def _losses_may_hide(case: RequirementCase) -> bool:
 def downgrade_affected_fail(
     judged: JudgedRequirement, played: RequirementVerdict
 ) -> RequirementVerdict:
-    """Open a FAIL on a busy machine that is not clear, and say of what is open that it was busy."""
+    """Downgrade an unclear FAIL on a busy machine, and note that the machine was busy."""
     run = judged.run
     text = affected_iterations_text(played, run.affected)
     if run.policy.interference == "tolerate" or played.outcome == "pass" or not text:
@@ -508,12 +505,12 @@ def downgrade_affected_fail(
 def examine_affected_probes(
     judged: JudgedRequirement, verdict: RequirementVerdict
 ) -> RequirementVerdict:
-    """Judge what rests on probes with regard to the interference during them."""
+    """Judge requirements on probes with regard to the interference during them."""
     return judge_probe(verdict, judged.run.samples.record, judged.run.policy.interference)
 
 
 def check_steadiness(judged: JudgedRequirement, verdict: RequirementVerdict) -> RequirementVerdict:
-    """Note what differs in a part of the iterations, and open a verdict that rests on it."""
+    """Note parts of the iterations that differ, and downgrade a verdict that rests on them."""
     samples, at_hz, info = judged.run.samples, judged.asked.at_hz, judged.asked.info
     if not METHODS[verdict.method].grows or at_hz is None:
         return verdict

@@ -126,12 +126,12 @@ class Criterion:
 
     @property
     def error(self) -> float:
-        """The error of one probe, either way."""
+        """The error of one probe, in either direction."""
         return (1 - self.confidence) * _PROBE_ERROR_SHARE
 
     @property
     def messages_without_loss(self) -> int:
-        """So many messages, none of them lost, show that few enough are lost."""
+        """The number of messages that show a small enough loss if none of them is lost."""
         count = min_sample_size(self.max_lost, 1 - self.error)
         # The first third is left out, and a message on either side does not count.
         return math.ceil((count or 0) * _TRANSIENT_DIVISOR / (_TRANSIENT_DIVISOR - 1)) + 3
@@ -166,7 +166,7 @@ class InterimLook:
 
 @dataclass(frozen=True)
 class ProbeEstimate:
-    """What one monitor has received during a probe so far.
+    """The samples of a monitor during a probe so far.
 
     Attributes:
         overall: the delivery of all steps.
@@ -186,7 +186,7 @@ class ProbeEstimate:
 
 
 def plan_interim_looks(limit_s: float) -> tuple[InterimLook, ...]:
-    """When a probe that lasts at most `limit_s` seconds is judged; the last time is its end."""
+    """Return when a probe of at most `limit_s` seconds is judged; the last time is its end."""
     times: list[float] = []
     at_s = FIRST_LOOK_S
     # Two looks that are closer together show the same.
@@ -310,7 +310,7 @@ def judge_final(
 def worst_judgement(judgements: Sequence[ProbeJudgement]) -> ProbeJudgement:
     """Return the worst judgement of several monitors.
 
-    Not sustained is worst, then undecided, then what keeps up but may lose messages.
+    Not sustained is worst, then undecided, then a graph that keeps up but may lose messages.
     """
     nothing = ProbeJudgement(None, "nothing was published yet")
     worst = min(judgements, key=_rank, default=nothing)

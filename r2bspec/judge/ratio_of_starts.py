@@ -88,8 +88,8 @@ def judge_baseline_requirements(
 ) -> Verdict:
     """Return a verdict with its requirements of the baseline judged.
 
-    What has been decided without a baseline stays: a metric that does not exist fails, and a rate
-    at which the playback missed its schedule is undecided.
+    Requirements that were decided without a baseline stay: a metric that does not exist fails, and
+    a rate at which the playback missed its schedule is undecided.
 
     Args:
         verdict: of the runs of the head by themselves.
@@ -219,9 +219,9 @@ def turn_kind(info: MetricInfo) -> TurnKind:
 def turn_values(
     info: MetricInfo, monitor: str | None, at_hz: float | None, base: RunSamples, head: RunSamples
 ) -> tuple[float | None, float | None]:
-    """Return the value of the base, and that of the head, of one start of both sides.
+    """Return the values of base and head in a start of both sides.
 
-    Their ratio is that of the metric; see the module. None where a side has no value.
+    Their ratio is that of the metric; see the module. None if a side has no value.
     """
     kind = turn_kind(info)
     before, after = base.turns_at(kind, at_hz), head.turns_at(kind, at_hz)

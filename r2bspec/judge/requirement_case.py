@@ -1,4 +1,4 @@
-"""One requirement of one objective, about to be judged, and how its verdict is put together."""
+"""A requirement of an objective, about to be judged, and the assembly of its verdict."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class RequirementCase:
 
     @property
     def monitor_samples(self) -> list[MonitorSamples]:
-        """What the monitor received in each iteration; nothing for a metric of no monitor."""
+        """The samples of the monitor in each iteration; empty for a metric of no monitor."""
         if self.monitor is None:
             return []
         return [iteration.monitors[self.monitor] for iteration in self.iterations]
@@ -67,7 +67,7 @@ class RequirementCase:
         return sum(lost_outputs(self.info, self.monitor, one) for one in self.iterations)
 
     def values_by_iteration(self) -> tuple[list[Seconds], int]:
-        """The messages of each iteration, in order, and how many are lost (infinitely off)."""
+        """Return the messages of each iteration, in order, and how many are lost (infinite)."""
         worst = math.inf if self.is_upper_bound else -math.inf
         values = [values_with_lost(self.info, self.monitor, one, worst) for one in self.iterations]
         return values, self.lost
@@ -89,12 +89,12 @@ class RequirementCase:
 
     @property
     def level(self) -> float:
-        """The confidence of quantiles of t, for what differs between starts and iterations."""
+        """The confidence of t quantiles for differences between starts and iterations."""
         return scatter_level(self.confidence)
 
     @property
     def pieces(self) -> tuple[int, str]:
-        """How many starts there are, or iterations of a single start, and what they are."""
+        """The number of starts, or of iterations of a single start, and the noun for them."""
         starts = len(set(self.starts))
         return (starts, "starts") if starts > 1 else (len(self.iterations), "iterations")
 
@@ -105,12 +105,12 @@ class RequirementCase:
 
     @property
     def metric_text(self) -> str:
-        """Such as ``latency.p99 < 50 ms``: the comparison without monitor and windows."""
+        """The comparison without monitor and windows, such as ``latency.p99 < 50 ms``."""
         return f"{self.info.name} {self.requirement.op} {self.limit_text}"
 
     @property
     def confidence_text(self) -> str:
-        """Such as ``95 % confidence``."""
+        """The confidence in words, such as ``95 % confidence``."""
         return f"{show(self.confidence, 'share', 4)} confidence"
 
     def is_met(self, value: float) -> bool:
@@ -118,14 +118,14 @@ class RequirementCase:
         return self.requirement.is_met(value, self.limit)
 
     def outcome_of_bounds(self, lower: float, upper: float) -> Outcome:
-        """PASS if both bounds on the true value meet the limit, FAIL if neither does."""
+        """Return PASS if both bounds on the true value meet the limit, FAIL if neither does."""
         towards, against = (upper, lower) if self.is_upper_bound else (lower, upper)
         return decide(passes=self.is_met(towards), fails=not self.is_met(against))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What a method found: fields of `RequirementVerdict`."""
+    """The decision of a method: fields of `RequirementVerdict`."""
 
     outcome: Outcome
     method: Method
@@ -144,12 +144,12 @@ class Decision:
 
 
 def undecided(reason: str, remedy: str = "") -> Decision:
-    """Return a case that no test can decide, and what would help."""
+    """Return the decision on a case that no test can decide, with a remedy."""
     return Decision(outcome="inconclusive", method="none", reason=reason, remedy=remedy)
 
 
 def unmeasured(case: RequirementCase, record: RunRecord) -> Decision | None:
-    """Return the decision on a metric of devices without a value, with the reason; else None."""
+    """Return the decision on a device metric without a value, with the reason; else None."""
     if case.info.scope is not Scope.DEVICE:
         return None
     device = "package" if "package" in case.info.name else "gpu"
@@ -167,7 +167,7 @@ def decide(*, passes: bool, fails: bool) -> Outcome:
 def limit_of(
     requirement: Requirement, at_hz: float | None, info: MetricInfo, per_step: float = 1.0
 ) -> float:
-    """Return the right-hand side of a requirement in its metric's unit; NaN where it has none.
+    """Return the right-hand side of a requirement in its metric's unit; NaN without one.
 
     Args:
         requirement: with its bound.

@@ -59,7 +59,7 @@ class PairsResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything about a run: metrics and verdict, and what they are based on.
+    """The result of a run: metrics and verdict, and what they are based on.
 
     Attributes:
         status: how the run itself went; `reason` says why, where it is not complete.

@@ -1,7 +1,6 @@
 """What an overloaded graph shows: its capacity, and whether its speed is stationary.
 
-Capacity
---------
+Capacity --------
 
 A graph that is offered more than it can process is never idle, so its outputs leave at its own
 pace. They are cut into batches of k successive ones; a batch lasts x_j seconds a message. With the
@@ -96,7 +95,7 @@ class CompletionTimes:
         return self.times_s[self.times_s >= start_s]
 
     def after(self, seconds: float) -> CompletionTimes:
-        """Return the later part of this play, as one of its own."""
+        """Return the later part of this play, as a play."""
         later = self.times_s[self.times_s >= seconds] - seconds
         return CompletionTimes(
             self.begun_s + seconds,
@@ -108,7 +107,7 @@ class CompletionTimes:
 
     @property
     def saturated_later(self) -> bool:
-        """Whether clearly fewer outputs left than inputs came in the later half."""
+        """Whether clearly fewer outputs left than inputs came in the second half."""
         return self._is_slower(self.times_s[self.times_s >= self.played_s / 2], _KEPT_UP_SHARE)
 
     @property
@@ -139,18 +138,18 @@ class Capacity:
 
     @property
     def relative_width(self) -> float:
-        """From the lower bound to the upper one, as a fraction of the lower one."""
+        """The distance of the bounds as a fraction of the lower bound."""
         return self.upper_hz / self.lower_hz - 1 if self.lower_hz > 0 else math.inf
 
     @property
     def gentle_width(self) -> float:
-        """The relative width of what the plays with the least overload show."""
+        """The relative width that the plays with the least overload show."""
         return 2 * (self.hz / (1 + self.drowns) / self.lower_hz - 1)
 
 
 @dataclass(frozen=True)
 class Batches:
-    """Seconds a message in batches of successive outputs, and when each began."""
+    """The seconds per message in batches of successive outputs, and when each batch began."""
 
     seconds: NDArray[np.float64]
     begun_s: NDArray[np.float64]
@@ -158,7 +157,7 @@ class Batches:
 
 
 def batches(play: CompletionTimes) -> Batches:
-    """Cut what is settled of a play into batches of about a second."""
+    """Cut the settled part of a play into batches of about a second."""
     times_s = play.settled()
     span_s = float(times_s[-1] - times_s[0]) if times_s.size > 1 else 0.0
     if span_s <= 0:
@@ -286,14 +285,14 @@ _WANDER_RATIO = 3.0
 
 @dataclass(frozen=True)
 class NonStationarity:
-    """One finding: its text, and the ratio of the fastest speed to the slowest."""
+    """A finding: its text, and the ratio of the fastest speed to the slowest."""
 
     text: str
     ratio: float
 
 
 def find_stops(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
-    """Stops of the output in plays whose inputs did not pause.
+    """Return stops of the output in plays whose inputs did not pause.
 
     From n stops in the time that was played up to U(n) times their mean length are expected in as
     much time, with U(n) the upper bound of a Poisson mean (Garwood 1936); 4.7 for one.
@@ -339,10 +338,7 @@ def _most_stops(number: int) -> float:
 
 
 def find_start(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
-    """Return a start that is faster or slower than the rest of an overloaded play.
-
-    The clearest one.
-    """
+    """Return the clearest start that is faster or slower than the rest of an overloaded play."""
     findings: list[NonStationarity] = []
     for seconds in _STARTS_S:
         long = [play for play in plays if play.played_s >= 1.8 * seconds]
@@ -364,7 +360,7 @@ def find_start(plays: Sequence[CompletionTimes], precision: float) -> NonStation
 
 
 def find_drift(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
-    """Return a speed that falls or rises over all plays."""
+    """Return the finding that the speed falls or rises over all plays."""
     cut = [batches(play) for play in plays]
     pace = np.concatenate([np.empty(0), *(part.seconds for part in cut)])
     at_s = np.concatenate([np.empty(0), *(part.begun_s for part in cut)])
@@ -385,7 +381,7 @@ def find_drift(plays: Sequence[CompletionTimes], precision: float) -> NonStation
 
 
 def find_wander(plays: Sequence[CompletionTimes], precision: float) -> NonStationarity | None:
-    """Return a speed that differs from second to second by more than single messages explain."""
+    """Return the finding that the speed varies by the second more than single messages explain."""
     cut = [batches(play) for play in plays]
     pace = np.concatenate([np.empty(0), *(part.seconds for part in cut)])
     if pace.size < _MIN_COMPARED_BATCHES or pace.min() <= 0:

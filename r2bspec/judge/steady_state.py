@@ -1,9 +1,9 @@
 """Whether the iterations at a rate are alike in time: a warm-up that was too short, or a climb.
 
-Tests over iterations take them for a sample of the same state of the graph. Where the first
-iterations differ from the others, or values climb within each start, the verdict depends on how
-much was played. Iterations are compared by the logarithms of their means; of latencies these are
-means of the fastest nine tenths: single stalls neither hide what all messages do, nor look like it.
+Tests over iterations assume a sample of a single state of the graph. If the first iterations differ
+from the others, or values climb within each start, the verdict depends on how much was played.
+Iterations are compared by the logarithms of their means; for latencies these are means of the
+fastest nine tenths, so that single stalls neither hide a shift of all messages nor look like it.
 
     first iterations  the first iteration of each start differs from the later iterations of its
                       start: by t over the starts, or in each start by a quarter or more in the same
@@ -80,7 +80,7 @@ class UnsteadyPart:
     left_out: frozenset[int]
 
     def text(self, info: MetricInfo) -> str:
-        """Return what was found by the times of a metric, as a sentence."""
+        """Return the finding about the times of a metric, as a sentence."""
         unit = "s" if info.scope is Scope.MONITOR else info.unit
         figures = f"{show(self.value, unit)} against {show(self.rest, unit)}"
         if info.metric.level and info.metric.lost_is_slowest:
@@ -94,7 +94,7 @@ class UnsteadyPart:
         )
 
     def advice(self, samples: RunSamples, iterations: Sequence[SegmentSamples]) -> str:
-        """Return what would leave it out, or show where it ends, as a sentence."""
+        """Return how to leave the part out, or to see where it ends, as a sentence."""
         if self.kind == "climb":
             return _CLIMB
         played_s = [
@@ -128,7 +128,7 @@ class IterationLevel:
 def iteration_levels(
     info: MetricInfo, monitor: str | None, iterations: Sequence[SegmentSamples]
 ) -> tuple[IterationLevel, ...]:
-    """Return the levels of a metric in each iteration; nothing if that of one is unknown.
+    """Return the levels of a metric in each iteration; empty if any of them is unknown.
 
     They are of latencies, or of intervals between outputs; for a mean that belongs to no monitor,
     of its value.

@@ -1,7 +1,7 @@
-"""What a run cannot have met, and whether that would change a verdict.
+"""What a run may have missed by chance, and whether that would change a verdict.
 
-A verdict is wrong where the run has met less than the graph does. Three kinds of that cannot be
-tested, because nothing in the run shows them:
+A verdict is wrong if the graph does more than the run has shown. Three such cases cannot be tested,
+because nothing in the run shows them:
 
 Another kind of start
     S starts do not rule out a further kind that makes up u = 1 - 0.05^(1/S) of all: 63 % with
@@ -81,7 +81,7 @@ def early_doubt(case: RequirementCase, verdict: RequirementVerdict) -> str:
 
 
 def untested(case: RequirementCase, verdict: RequirementVerdict) -> str:
-    """Return what would change a verdict and cannot be seen in the run; empty if nothing would.
+    """Return what would change a verdict but cannot show in the run; empty if nothing would.
 
     Args:
         case: with all iterations.
@@ -96,7 +96,7 @@ def untested(case: RequirementCase, verdict: RequirementVerdict) -> str:
 
 
 def decided_in_bursts(over: int, n: int, allowed: float, confidence: float, *, below: bool) -> bool:
-    """Return whether counts show a share though what is over comes in bursts.
+    """Return True if counts decide about a share even if the bad messages come in bursts.
 
     Args:
         over: bad messages.
@@ -110,7 +110,7 @@ def decided_in_bursts(over: int, n: int, allowed: float, confidence: float, *, b
 
 
 def other_starts(number: int, room: float, verdict: RequirementVerdict) -> str:
-    """Return that another kind of start would change a verdict; empty if it has the room.
+    """Return that another kind of start would change a verdict; empty if there is room for it.
 
     Args:
         number: of starts.
@@ -166,7 +166,7 @@ def _room_of_bound(case: RequirementCase, verdict: RequirementVerdict, *, below:
 
 
 def room_of_mean(bound: float, limit: float, *, below: bool) -> float:
-    """Return the room of a mean.
+    """Return the distance of a mean from its limit.
 
     Args:
         bound: of the starts that were met, on the side of the limit.
@@ -181,7 +181,7 @@ def room_of_mean(bound: float, limit: float, *, below: bool) -> float:
 def room_of_percentile(
     values: Sequence[Seconds], limit: float, allowed: float, *, below: bool
 ) -> float:
-    """Return the room of a percentile.
+    """Return the distance of a percentile from its limit.
 
     Args:
         values: of each iteration, at least one in all.
@@ -197,7 +197,7 @@ def room_of_percentile(
 
 
 def room_of_losses(bound: float, allowed: float, *, below: bool) -> float:
-    """Return the room of a share of lost outputs, from its bound on the side of the limit."""
+    """Return the distance of the bound on a share of lost outputs from the limit."""
     if below:
         return (allowed - bound) / _BY
     return 1 - allowed / bound if bound > 0 else -math.inf

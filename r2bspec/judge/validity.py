@@ -1,7 +1,6 @@
-"""Results that are invalid: what cannot be, and what was measured under another load.
+"""Results that are invalid: impossible values, and measurements under another load.
 
-Impossible results
-------------------
+Impossible results ------------------
 
     early      more than 1 % of the answers were received before their input was published
     surplus    by order, more than 1 % more outputs than the monitor's ratio allows
@@ -58,7 +57,7 @@ MAX_IMPOSSIBLE_SHARE = 0.01
 
 @dataclass(frozen=True)
 class Problem:
-    """Why results are invalid, in one sentence, and what to do about it, in another."""
+    """Why results are invalid, in one sentence, and a remedy, in another."""
 
     reason: str
     remedy: str
@@ -167,7 +166,7 @@ def schedule_problem(offered_hz: float, iterations: Sequence[SegmentSamples]) ->
 def lateness_limit_s(planned_hz: float) -> float:
     """Return how late 99 % of the publications may begin at most.
 
-    `planned_hz` is 0 where unknown.
+    `planned_hz` is 0 if unknown.
     """
     if not planned_hz:
         return MIN_LATENESS_LIMIT_S
@@ -185,9 +184,10 @@ def _problem(offered_hz: float, iterations: Sequence[SegmentSamples]) -> Problem
 
 @dataclass(frozen=True)
 class PlaybackValidity:
-    """The offered rates at which the playback missed its schedule or the result is impossible.
+    """The offered rates at which the playback missed its schedule or a result is impossible.
 
-    A sequential probe ends when its player cannot go on; one that was sustained proves its rate.
+    A sequential probe ends when its player cannot go on; a probe that was sustained proves its
+    rate.
 
     Attributes:
         iterations: what is wrong, by rate.
@@ -199,7 +199,7 @@ class PlaybackValidity:
 
     @classmethod
     def of(cls, samples: RunSamples) -> PlaybackValidity:
-        """Check complete iterations and probes; of sustained probes, not the playback."""
+        """Check complete iterations and probes; for sustained probes, not the playback."""
         played = {
             rate: _problem(rate, iterations)
             for rate, iterations in samples.iterations.items()
@@ -218,7 +218,7 @@ class PlaybackValidity:
         )
 
     def problem(self, statistic: Statistic, at_hz: float | None) -> Problem | None:
-        """Return why the values of a metric at a rate are invalid; None if they are not."""
+        """Return why the values of a metric at a rate are invalid; None if they are valid."""
         if statistic == "search" or at_hz is None:
             return None
         problems = self.probes if statistic == "sequential" else self.iterations

@@ -1,7 +1,6 @@
-"""Verdicts as frozen values that serialise to JSON, and how that on a run follows from the others.
+"""Verdicts as frozen values that serialise to JSON, and how the verdict on a run is derived.
 
-Outcome of the run
-------------------
+Outcome of the run ------------------
 
     level    fails             undecided
     error    fails the run     by the policy
@@ -45,10 +44,10 @@ EXIT_CODES: Final[dict[OverallOutcome, ExitStatus]] = {
 class ShareTest(msgspec.Struct, frozen=True, kw_only=True):
     """The binomial test of a percentile or a share.
 
-    Of `n` messages `over` are over the limit, `lost` of them because they never arrived.
-    `lower` and `upper` are the one-sided Clopper-Pearson bounds on the true share, `allowed` is
-    what the requirement allows. For a requirement with ``>``, `over` counts what is under; for
-    one about windows, windows are counted and not messages.
+    Of `n` messages `over` are over the limit, `lost` of them because they never arrived. `lower`
+    and `upper` are the one-sided Clopper-Pearson bounds on the true share, `allowed` is what the
+    requirement allows. For a requirement with ``>``, `over` counts messages under the limit; for a
+    requirement about windows, windows are counted instead of messages.
 
     Attributes:
         effective_n: effective sample size: the number of independent messages equivalent to `n`.
@@ -92,10 +91,10 @@ RequirementKey = tuple[str, str, str | None, float | None]
 
 
 class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """One requirement, judged.
+    """The verdict on a requirement.
 
     `estimate`, `lower`, `upper` and `limit` are in `unit`, the metric's own. None is no value, or
-    no bound; `lost` is True where the estimate itself is a message that never arrived. `n` is the
+    no bound; `lost` is True if the estimate itself is a message that never arrived. `n` is the
     sample size of the decision: messages for the exact binomial and most observations, iterations
     for t, probes for a search.
 
@@ -156,7 +155,7 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def key(self) -> RequirementKey:
-        """What identifies the requirement among all of a run."""
+        """The identity of the requirement among all of a run."""
         return self.objective, self.text, self.monitor, self.at_hz
 
     @property
@@ -165,15 +164,15 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
         return self.outcome == "fail" and self.level == "error"
 
     def is_at(self, rate_hz: float) -> bool:
-        """Return whether it is of this offered rate."""
+        """Return True if it is of this offered rate."""
         return self.at_hz is not None and math.isclose(rate_hz, self.at_hz)
 
     def noted(self, *notes: str) -> RequirementVerdict:
-        """Return the same with further notes."""
+        """Return the verdict with further notes."""
         return msgspec.structs.replace(self, notes=(*self.notes, *notes)) if notes else self
 
     def held_back(self, doubt: str, *, opens: bool = False) -> RequirementVerdict:
-        """Decided without room for what was not met, for this reason; the same if it is empty.
+        """Return the verdict, marked as having too little room for what the run has not met.
 
         Args:
             doubt: a sentence, or empty.
@@ -188,7 +187,7 @@ class RequirementVerdict(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(noted, outcome="inconclusive", remedy=remedy)
 
     def opened(self, note: str, remedy: str) -> RequirementVerdict:
-        """Undecided because of host interference."""
+        """Return the verdict as undecided because of host interference."""
         return msgspec.structs.replace(
             self.noted(note), outcome="inconclusive", remedy=remedy, weakened=True
         )
@@ -223,12 +222,12 @@ class DisturbedIteration(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
-    """A run, judged: the outcome, its exit code, and every requirement.
+    """The verdict on a run: the outcome, its exit code, and every requirement.
 
     `reason` is the outcome in one sentence; it says of how many `starts` of all processes the
-    verdict is (0 if it is not about a run): with 1, it is of this start, and another one may
-    differ. `disturbed` are the iterations affected by host interference, those of the confirmation
-    session among them; their effect on a requirement is in its notes.
+    verdict is (0 if it is not about a run): with 1, it is of this start, and another start may
+    differ. `disturbed` are the iterations affected by host interference, including those of the
+    confirmation session; their effect on a requirement is in its notes.
     """
 
     outcome: OverallOutcome
@@ -246,7 +245,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def by_key(self) -> dict[RequirementKey, RequirementVerdict]:
-        """Its requirements by their keys; none if the run was not usable."""
+        """Its requirements by their keys; empty if the run was not usable."""
         return {each.key: each for each in self.requirements} if self.is_judged else {}
 
     @property
@@ -257,7 +256,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     def with_requirements(
         self, requirements: tuple[RequirementVerdict, ...], policy: InconclusivePolicy
     ) -> Verdict:
-        """The verdict with others on its requirements, from which its outcome follows anew."""
+        """Return the verdict with other requirements, and the outcome that follows from them."""
         if not self.is_judged:
             return msgspec.structs.replace(self, requirements=requirements)
         outcome, reason = outcome_of(requirements, policy, self.starts)
@@ -270,7 +269,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def saying(self, sentence: str) -> Verdict:
-        """Return the same with one more sentence in its reason."""
+        """Return the verdict with one more sentence in its reason."""
         return msgspec.structs.replace(self, reason=f"{self.reason} {sentence}")
 
 

@@ -1,8 +1,8 @@
-"""Reading what the processes of a graph have recorded of themselves (``r2bspec/native/anatomy.c``).
+"""Reading the events that processes of a graph have recorded (``r2bspec/native/anatomy.c``).
 
 Each process has a file of its own, of a fixed size: a header, a table of objects, and rows of
-events in slabs, each filled by one thread. A process may end at any time, by any signal: what it
-had finished until then is in the file.
+events in slabs, each filled by one thread. A process may end at any time, by any signal: its
+finished events are in the file.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _OBJECT_KINDS: Final[tuple[AnatomyObjectKind, ...]] = (
 
 
 def file_bytes(events: int) -> int:
-    """Return the size of a file with room for so many events, of up to 16 threads.
+    """Return the size of a file with room for `events` events, of up to 16 threads.
 
     A thread leaves its last slab unfinished.
     """
@@ -54,7 +54,7 @@ def file_bytes(events: int) -> int:
 
 
 class AnatomyReader:
-    """Reads what the processes of a folder record, again and again while they go on.
+    """Reads repeatedly what the processes of a folder record while they run.
 
     Processes and objects keep their numbers from one reading to the next, whatever is added.
 
@@ -75,11 +75,10 @@ class AnatomyReader:
     def read(
         self, passed_ns: int = 0
     ) -> tuple[Rows, tuple[AnatomyObject, ...], tuple[AnatomyProcess, ...]]:
-        """Return what has been recorded and was not passed.
+        """Return the events that have been recorded since those already passed.
 
-        A file that its process was still making is left out, as are events that it had not
-        finished. Events beyond the limit for all are counted as lost, and so are those that cannot
-        be.
+        A file that its process is still creating is left out, and so are unfinished events. Events
+        beyond the limit for all, and impossible events, are counted as lost.
 
         Args:
             passed_ns: full slabs with events before this time alone are not read again.

@@ -48,7 +48,7 @@ _SEPARATOR = "."
 
 @dataclass(frozen=True)
 class MergedRun(Run):
-    """Several runs of one plan as a single run.
+    """Several runs of one plan, merged to a single run.
 
     Attributes:
         runs: in the order of their pairs.
@@ -59,7 +59,7 @@ class MergedRun(Run):
     spec: str = ""
 
     def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> Rows:
-        """See `Run.segment_rows`."""
+        """As `Run.segment_rows`."""
         place, source = self._source(segment)
         return self.runs[place].segment_rows(source, file, dtype)
 
@@ -81,7 +81,7 @@ class MergedRun(Run):
         return np.concatenate([np.empty(0, RESOURCE_DTYPE), *rows])
 
     def devices(self) -> Rows:
-        """See `Run.devices`, likewise."""
+        """See `Run.devices`; a pair played again has later times than those after it."""
         rows = self._renumbered([run.devices() for run in self.runs])
         return np.concatenate([np.empty(0, DEVICE_DTYPE), *rows])
 
@@ -164,7 +164,7 @@ def merge_runs(
 
 
 def prefixed_id(number: int, own: str) -> str:
-    """The id of a segment in a merged run, from the number of its own run and its id there."""
+    """Return the id of a segment in a merged run, from the number of its run and its id there."""
     return f"{number:03d}{_SEPARATOR}{own}"
 
 
@@ -231,7 +231,7 @@ class PairRecord(msgspec.Struct, frozen=True, kw_only=True):
     unusable: str = ""
 
     def folder(self, side: Side) -> str:
-        """Return the folder of one of its runs, likewise."""
+        """Return the folder of one of its runs, relative to that of the comparison."""
         return self.base if side == "base" else self.head
 
 
@@ -303,7 +303,7 @@ class PairedComparison:
     opened: dict[str, Run] = field(default_factory=dict)
 
     def usable_pairs(self) -> tuple[PairRecord, ...]:
-        """Return the pairs that count: of each number the first usable one."""
+        """Return the pairs that count: for each number the first usable pair."""
         pairs: dict[int, PairRecord] = {}
         for pair in self.record.pairs:
             if not pair.unusable:
@@ -311,7 +311,7 @@ class PairedComparison:
         return tuple(pairs[number] for number in sorted(pairs))
 
     def run(self, pair: PairRecord, side: Side) -> Run:
-        """One run of a pair.
+        """Return a run of a pair.
 
         Raises:
             RecordError: its folder is missing or damaged.
@@ -322,7 +322,7 @@ class PairedComparison:
         return self.opened[folder]
 
     def merged(self, pairs: Sequence[PairRecord], side: Side) -> MergedRun:
-        """Return all runs of one side of some pairs as one.
+        """Return the runs of one side of some pairs as a merged run.
 
         Raises:
             RecordError: a folder is missing or damaged.
@@ -373,7 +373,7 @@ class PairedComparison:
 
 
 def is_comparison(path: Path) -> bool:
-    """Return whether a folder is the folder of a comparison."""
+    """Return True if a folder is the folder of a comparison."""
     return is_regular(path / PAIRS_FILE)
 
 

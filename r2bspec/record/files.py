@@ -1,4 +1,4 @@
-"""Files below a run folder: written whole or not at all, read with errors that say what to do.
+"""Files below a run folder: written whole or not at all, read with errors that name a remedy.
 
 Also the lock by which a folder belongs to one run.
 """
@@ -41,7 +41,7 @@ class RecordError(R2bspecError):
 
 
 class FolderTakenError(RecordError):
-    """The folder of a run is not empty, or belongs to another run: nothing in it is this run's."""
+    """The folder of a run is not empty, or belongs to another run."""
 
     code = RUN_UNWRITABLE
 
@@ -85,9 +85,9 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def write_output(path: Path, content: bytes) -> None:
-    """Write a file that a user has named: atomically, or, to a pipe or a device, into it.
+    """Write a file that a user has named: atomically, but directly into a pipe or a device.
 
-    A rename would replace ``/dev/null``, where this user may do that.
+    A rename would replace ``/dev/null`` if this user may do that.
 
     Raises:
         RecordError: it cannot be written.
@@ -160,7 +160,7 @@ class FolderReader:
         return self._decode(path, content, kind)
 
     def require_once(self, path: Path, what: str, names: Iterable[str]) -> None:
-        """See that a file lists each of some names once.
+        """Check that a file lists each name once.
 
         Raises:
             RecordError: it lists one several times.
@@ -217,8 +217,8 @@ LOCK_FILE = ".lock"
 class FolderLock:
     """A lock on a folder, held until `release`.
 
-    It is the kernel's lock on a file in the folder, so it ends with the process that has it,
-    whatever ends that. The file is removed with the lock.
+    It is a kernel lock on a file in the folder, so it ends with the process that holds it, however
+    that ends. The file is removed with the lock.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -244,7 +244,7 @@ class FolderLock:
         self._finalizer = weakref.finalize(self, _release, path, descriptor, os.getpid())
 
     def release(self) -> None:
-        """Give the folder up; a second call does nothing."""
+        """Release the folder; a second call does nothing."""
         self._finalizer()
 
 

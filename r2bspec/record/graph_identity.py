@@ -1,9 +1,9 @@
-"""What a graph was made of: the files of its nodes, the packages that they load, and the revision.
+"""What a graph consists of: the files of its nodes, the packages that they load, the revision.
 
-A plan says what is run, and is the same on every machine. Which code that was is an observation,
-and belongs to the record. Digests do not depend on where a work tree lies, so that two work trees
-with the same code have the same identity. The revision is for people: a commit that changes
-nothing of the graph is not another graph.
+A plan says what is run, and is the same on every machine. Which code was run is an observation, and
+belongs to the record. Digests do not depend on where a work tree lies, so that two work trees with
+the same code have the same identity. The revision is for people: a commit that changes nothing of
+the graph does not change its identity.
 
 What was really in the processes of
 a graph is in ``loaded_files.json`` of a run folder: mapped files (programs, libraries, extension
@@ -51,7 +51,7 @@ class Revision(msgspec.Struct, frozen=True):
 
 
 class NodeIdentity(msgspec.Struct, frozen=True, kw_only=True):
-    """What a node is made of.
+    """The identity of a node: its files, programs and packages.
 
     Attributes:
         kind: ``python``, ``plugin``, ``executable``, ``command``, ``launch`` or ``external``, and
@@ -73,7 +73,7 @@ class NodeIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class GraphIdentity(msgspec.Struct, frozen=True, kw_only=True):
-    """What a graph is made of.
+    """The identity of a graph: its nodes, packages and revision.
 
     Attributes:
         digest: over all nodes and packages; the revision does not count.
@@ -90,7 +90,7 @@ class GraphIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def node_digest(node: NodeIdentity) -> str:
-    """Return the digest of a node, over everything in it but the paths of its files."""
+    """Return the digest of a node, over everything in it except the paths of its files."""
     if not (node.files or node.version):
         return ""
     return _digest([node.kind, _contents(node), node.package, node.version])
@@ -120,7 +120,7 @@ def revision_text(revision: Revision | None) -> str:
 
 
 def common_identity(identities: Iterable[GraphIdentity | None]) -> GraphIdentity | None:
-    """One identity for several runs of the same code; None if a file or a version differs.
+    """Return one identity for several runs of the same code; None if a file or a version differs.
 
     A node may load a file in some starts only.
     """
@@ -149,11 +149,11 @@ def _merged(first: GraphIdentity, other: GraphIdentity) -> GraphIdentity | None:
 
 
 def identity_differences(base: GraphIdentity, head: GraphIdentity) -> tuple[str, ...]:
-    """Return what differs, from the base to the head: ``blur.py changed``, ``numpy 2.1 → 2.2``.
+    """Return the differences of base and head: ``blur.py changed``, ``numpy 2.1 → 2.2``.
 
-    Those of nodes come first. A file that several nodes have in common is named once. Files
-    outside of the work tree are matched by their content and their names, because the two sides
-    have them in different places.
+    Those of nodes come first. A file that several nodes have in common is named once. Files outside
+    of the work tree are matched by their content and their names, because the two sides have them
+    in different places.
     """
     if base.digest == head.digest:
         return ()
@@ -242,7 +242,7 @@ the host name: machines of one kind are interchangeable, as in a pool of CI runn
 
 
 def check_machine_facts(machine: Mapping[str, Any]) -> None:
-    """See that the facts which are calculated with are what they should be.
+    """Check the types of the facts of a machine that are used in calculations.
 
     Args:
         machine: as in `RunRecord.machine`.

@@ -1,8 +1,8 @@
 """The run folder: writing it during a run, and opening it afterwards.
 
 `r2bspec.record.run_record` describes the layout. Every file is written atomically. A folder with
-``record.json`` is a run folder: it is written last, and also earlier, marked as incomplete, so that
-a killed run can be read.
+``record.json`` is a run folder: that file is written last, and also earlier, marked as incomplete,
+so that a killed run can be read.
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ _SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+=@-]*")
 class RunFolder:
     """A run folder that is being written.
 
-    One that was made by `create` belongs to this run alone until `release`, or the end of a
-    ``with`` block.
+    A folder from `create` belongs to this run alone until `release`, or the end of a ``with``
+    block.
 
     Attributes:
         path: the folder, absolute.
@@ -132,7 +132,7 @@ class RunFolder:
         return cls(path, lock)
 
     def release(self) -> None:
-        """Give the folder up: the run has ended, and nothing more is written."""
+        """Release the folder: the run has ended, and nothing more is written."""
         if self._lock is not None:
             self._lock.release()
 
@@ -149,7 +149,7 @@ class RunFolder:
         return path
 
     def profile_folder(self, process: str) -> Path:
-        """Return the folder for what a profiler writes about a process; it is created."""
+        """Return the folder for the files of a profiler about a process, after creating it."""
         path = self.path / "profile" / _safe_name(process)
         path.mkdir(mode=_FOLDER_MODE, parents=True, exist_ok=True)
         return path
@@ -205,7 +205,7 @@ class RunFolder:
         self._digests[place] = arrays.write_rows(self.path / place, rows, dtype)
 
     def write_record(self, record: RunRecord) -> None:
-        """Write ``record.json``, with the digests of the samples that it is about.
+        """Write ``record.json``, with the digests of its samples.
 
         It may be written repeatedly during the run.
         """
@@ -237,7 +237,7 @@ class Run:
     plan: Plan
 
     def playback(self, segment: Segment) -> arrays.Rows:
-        """The playback, one row per step, of type `r2bspec.record.sample_arrays.PLAYBACK_DTYPE`.
+        """Return the playback, a row for each step (type `PLAYBACK_DTYPE`).
 
         Raises:
             RecordError: the file is missing or damaged.
@@ -257,7 +257,7 @@ class Run:
         return self.segment_rows(segment, _WORK, arrays.WORK_DTYPE)
 
     def monitor(self, segment: Segment, name: str) -> arrays.Rows:
-        """The messages of a monitor, one row each in order of arrival (type `MONITOR_DTYPE`).
+        """Return the messages of a monitor in order of arrival (type `MONITOR_DTYPE`).
 
         Raises:
             RecordError: the file is missing or damaged.
@@ -265,7 +265,7 @@ class Run:
         return self.segment_rows(segment, _monitor_file(name), arrays.MONITOR_DTYPE)
 
     def tap(self, segment: Segment, topic: str) -> arrays.Rows:
-        """Return the messages of a tap, one row each in order of arrival (type `MONITOR_DTYPE`).
+        """Return the messages of a tap in order of arrival (type `MONITOR_DTYPE`).
 
         Raises:
             RecordError: the file is missing or damaged.
@@ -281,7 +281,7 @@ class Run:
         return self.segment_rows(segment, _ANATOMY, arrays.ANATOMY_DTYPE)
 
     def has_anatomy(self, segment: Segment) -> bool:
-        """Return whether a segment was observed from inside."""
+        """Return True if a segment was observed from inside."""
         return f"{_samples_of(segment.id)}/{_ANATOMY}" in self.record.samples
 
     def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> arrays.Rows:
@@ -306,7 +306,7 @@ class Run:
         return arrays.read_rows(self.folder / place, dtype, self.record.samples[place])
 
     def resources(self) -> arrays.Rows:
-        """CPU and memory samples (type `RESOURCE_DTYPE`); no rows if none were taken.
+        """Return CPU and memory samples (type `RESOURCE_DTYPE`); no rows if there are none.
 
         Raises:
             RecordError: the file is damaged.
@@ -314,7 +314,7 @@ class Run:
         return self._read_optional(_RESOURCES, arrays.RESOURCE_DTYPE)
 
     def interference(self) -> arrays.Rows:
-        """Host interference (type `INTERFERENCE_DTYPE`); no rows if it was not sampled.
+        """Return host interference (type `INTERFERENCE_DTYPE`); no rows if it was not sampled.
 
         Raises:
             RecordError: the file is damaged.
@@ -322,7 +322,7 @@ class Run:
         return self._read_optional(_INTERFERENCE, arrays.INTERFERENCE_DTYPE)
 
     def devices(self) -> arrays.Rows:
-        """GPUs and processor packages (type `DEVICE_DTYPE`); no rows if none was sampled.
+        """Return samples of GPUs and packages (type `DEVICE_DTYPE`); no rows if there are none.
 
         Raises:
             RecordError: the file is damaged.
@@ -343,7 +343,7 @@ class Run:
         )
 
     def unlisted_segments(self) -> list[str]:
-        """Return the names of segments whose samples are in the folder, and not in the record."""
+        """Return the names of segments with samples in the folder that the record does not list."""
         listed = {segment.id for segment in self.record.segments}
         samples = self.folder / "samples"
         stored = {place.name for place in samples.iterdir()} if is_folder(samples) else set()
@@ -480,7 +480,7 @@ def write_loaded_files(folder: Path, files: Mapping[str, Iterable[str]]) -> None
 def read_loaded_files(folder: Path) -> dict[str, tuple[str, ...]]:
     """Return the files that each process of a run has loaded, by its name.
 
-    Empty if that is not known.
+    Empty if unknown.
 
     Raises:
         RecordError: the file is damaged.

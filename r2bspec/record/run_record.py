@@ -74,7 +74,7 @@ class PhaseTime(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def took_ns(self) -> int:
-        """From its beginning to its end."""
+        """The duration."""
         return self.ended_ns - self.began_ns
 
 
@@ -150,14 +150,12 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Probe(msgspec.Struct, frozen=True, kw_only=True):
-    """One probe: the offered rate, the delivered rate, and whether the rate is sustained (`holds`).
+    """A probe: the offered rate, the delivered rate, and whether the rate is sustained (`holds`).
 
-    `holds` is None if undecided. `confidence` is one-sided; 0 in records of versions that did not
-    state it. `purpose` is why it was played: to test a rate, to measure an overloaded graph, or
-    to confirm the lower end of the bracket. `keeps_up` tells whether the backlog does not grow,
-    whatever is lost: a rate that keeps up is undecided if too few messages were played to show that
-    few enough are lost (`lost_at_most`). `played_s` is 0 in records of versions that did not state
-    it.
+    `holds` is None if undecided. `confidence` is one-sided. `purpose` is why it was played: to test
+    a rate, to measure an overloaded graph, or to confirm the lower end of the bracket. `keeps_up`
+    tells whether the backlog does not grow, whatever is lost: a rate that keeps up is undecided if
+    too few messages were played to show that few enough are lost (`lost_at_most`).
 
     Attributes:
         disturbed: the host interference during the probe, in words; empty for none.
@@ -253,10 +251,10 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def recurs_s(self) -> float:
-        """What comes at least so often was met with the stated confidence; 0 if that is unknown.
+        """A stop that recurs at least this often would have shown, at the confidence; 0 if unknown.
 
-        Of what comes at random every T seconds on average, none is met in t with the probability
-        exp(-t / T): T is a third of t for 95 % (rule of three).
+        An event at random times, every T seconds on average, does not occur in t with the
+        probability exp(-t / T): T is a third of t for 95 % (rule of three).
         """
         return self.watched_s / -math.log1p(-self.confidence) if self.confidence else 0.0
 
@@ -278,7 +276,7 @@ class SearchRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ThreadSchedulingRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """How threads of one name are scheduled, as the kernel says; `count` of them are alike."""
+    """The scheduling of `count` equal threads of one name, as the kernel reports it."""
 
     thread: str
     policy: str
@@ -289,10 +287,10 @@ class ThreadSchedulingRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AppliedSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """What the kernel says after the warm-up of a process whose plan asks for something.
+    """The settings of a process after the warm-up, as the kernel reports them.
 
-    What is declared here is read back by `r2bspec.execute.processes.scheduling`, and a field of
-    `ProcessRecord` at once.
+    A field that is declared here is read back by `r2bspec.execute.processes.scheduling`, and is
+    also a field of `ProcessRecord`.
 
     Attributes:
         scheduling: of its threads.
@@ -322,7 +320,7 @@ class ProcessRecord(AppliedSettings, frozen=True):
 
     @property
     def ended_as_told(self) -> bool:
-        """Whether it exited with 0, or because of a signal that the run has sent to it."""
+        """Whether it exited with 0, or because of a signal from the run."""
         code = self.exit_code
         return code in {0, None} or any(code in {-signal, 128 + signal} for signal in self.signals)
 
@@ -334,8 +332,8 @@ class HarnessOverheadRecord(msgspec.Struct, frozen=True, kw_only=True):
     `topic`; `received` of `sent` messages of at most `bytes` bytes arrived. Latency is from
     publication to the arrival in the middleware, lateness from the due time to publication; None
     without samples. `disturbed` is the host interference meanwhile, in words. `placement` is that
-    of the harness, with which it was measured: ``separate``, ``shared`` or ``graph``; `processes`
-    is in how many processes player and monitor were. Both are unknown in old records.
+    of the harness during the measurement: ``separate``, ``shared`` or ``graph``; `processes` is the
+    number of processes of player and monitor.
     """
 
     topic: str
@@ -364,10 +362,10 @@ class HarnessOverheadRecord(msgspec.Struct, frozen=True, kw_only=True):
 class OutputGapRecord(msgspec.Struct, frozen=True, kw_only=True):
     """An output that stopped during the measurement, and the diagnosis.
 
-    `segment` is the one in which this was detected; afterwards some steps were played while the
-    messages of every topic were counted. `reason` is the first fault on the path; `way` has the
-    publishers, the subscriptions and the number of messages of each topic of the path. `late` is
-    the number of missing outputs that came meanwhile; matched by order, these are not recognised.
+    `segment` is where this was detected; afterwards some steps were played while the messages of
+    every topic were counted. `reason` is the first fault on the path; `way` has the publishers, the
+    subscriptions and the number of messages of each topic of the path. `late` is the number of
+    missing outputs that came meanwhile; with matching by order, these are not recognised.
     """
 
     segment: str
@@ -415,7 +413,7 @@ class UnplayedMessages(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def clause(self) -> str:
-        """What they lack, without a full stop."""
+        """The reason as a clause, without a full stop."""
         lack = {
             "partner": f"have no partner within {self.slop_ns / 1e6:g} ms"
             if self.slop_ns
@@ -427,22 +425,22 @@ class UnplayedMessages(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def text(self) -> str:
-        """The same with the consequence, without a full stop."""
+        """The reason and the consequence, without a full stop."""
         return f"{self.clause} and were not played"
 
     @property
     def help(self) -> str:
-        """What to do about it."""
+        """The remedy."""
         return UNPAIRED_HELP if self.cause == "partner" else _UNKNOWN_TIME_HELP
 
     @property
     def is_warning(self) -> bool:
-        """Whether so many are missing that a verdict says so; not if the spec agrees."""
+        """Whether enough are missing for a warning; never if the spec allows it."""
         return not self.agreed and self.count > _WARNING_SHARE * self.total
 
     @property
     def is_most(self) -> bool:
-        """Whether most are missing."""
+        """Whether most messages are missing."""
         return self.count > _ERROR_SHARE * self.total
 
 
@@ -495,7 +493,7 @@ class ConfirmationRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """A start of all processes, as far as its first segment that is measured.
+    """A start of all processes, up to its first measured segment.
 
     Attributes:
         number: as in `Segment.start`.
@@ -514,12 +512,12 @@ class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def cost_ns(self) -> int:
-        """What a start takes, without the harness overhead, which is measured once."""
+        """The duration of a start without the harness overhead, which is measured once."""
         return self.ready_ns - self.began_ns - self.overhead_ns
 
 
 class ProfileRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What a profiler observed of one process, in an iteration after everything that counts.
+    """The observation of a process by a profiler, in an iteration after everything that counts.
 
     Attributes:
         process: its name.
@@ -541,12 +539,12 @@ class ProfileRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AnatomyKind(enum.IntEnum):
-    """What happened, in a row of events (`r2bspec.record.sample_arrays.ANATOMY_FIELDS`).
+    """The kind of a row of events (`r2bspec.record.sample_arrays.ANATOMY_FIELDS`).
 
     A publication lasts from the call of rcl to its return, and so does a take. `TRIGGER` is a guard
-    condition: the executor of rclpy triggers one before and after each callback. `CALLBACK` is one
-    of rclcpp, which says itself when a callback begins and ends. `WAIT` is a wait of an executor
-    for work, `TIMER` the call of a timer that is due.
+    condition: the executor of rclpy triggers one before and after each callback. `CALLBACK` is a
+    callback of rclcpp, which reports itself when a callback begins and ends. `WAIT` is a wait of an
+    executor for work, `TIMER` the call of a timer that is due.
     """
 
     PUBLISH = 1
@@ -567,7 +565,7 @@ AnatomyObjectKind = Literal["publisher", "subscription", "timer", "client", "ser
 
 
 class AnatomyObject(msgspec.Struct, frozen=True, kw_only=True):
-    """What events belong to.
+    """The object to which events belong.
 
     Attributes:
         process: indexes `AnatomyRecord.processes`.
@@ -596,7 +594,7 @@ class AnatomyProcess(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AnatomyRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What was observed from inside in one start; the samples of its segments have the events.
+    """The observation of a start from inside; the samples of its segments have the events.
 
     Attributes:
         start: the start of the graph's processes, as in its segments.
@@ -616,19 +614,17 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     `sustained` has one probe for each rate of the plan's `sustained_hz`. `dataset` is the bag, with
     its hash; `machine` and `versions` describe host and software. `events` are (monotonic time,
-    text): the beginnings of phases, and notes. `harness_overhead` has one entry for each input;
-    it is empty if nothing is played, or if its measurement would have affected the graph.
+    text): the beginnings of phases, and notes. `harness_overhead` has one entry for each input; it
+    is empty if nothing is played, or if its measurement would have affected the graph.
     `confirmation` is the confirmation run, if there was one. `output_gaps` are outputs that
-    stopped; `differences` those between the running graph and the spec. `left_out` has one
-    sentence for each optional part that was not played, with the reason; `unplayed` has the
-    messages of inputs that were not.
-    `starts` are those whose graph was warmed up. `profiles` are those of an iteration that
-    counts for nothing. `phases` say where the time went, and are empty in
-    older records. `identity` is what the graph was made of; None if that was not looked up.
-    `gate` is what reports say of the merge gate, one sentence each. `exit_status` is that of the
-    error that ended the run; 0 without one, and in older records. `samples` has the SHA-256 of
-    every file of samples by its path in the run folder; those of the whole run are in no
-    incomplete record, because they grow until the run has ended.
+    stopped; `differences` those between the running graph and the spec. `left_out` has one sentence
+    for each optional part that was not played, with the reason; `unplayed` has the messages of
+    inputs that were not. `starts` are those whose graph was warmed up. `profiles` are those of an
+    iteration that counts for nothing. `phases` say where the time went. `identity` is what the
+    graph consists of; None if that was not determined. `gate` is what reports say of the merge
+    gate, one sentence each. `exit_status` is that of the error that ended the run; 0 without an
+    error. `samples` has the SHA-256 of every file of samples by its path in the run folder; those
+    of the whole run are in no incomplete record, because they grow until the run has ended.
     """
 
     r2bspec_record: Literal[1] = 1

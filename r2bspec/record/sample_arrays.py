@@ -129,7 +129,7 @@ ANATOMY_DTYPE: np.dtype[np.void] = np.dtype(list(ANATOMY_FIELDS))
 
 
 def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> str:
-    """Write rows atomically to an ``.npy`` file; returns the SHA-256 of its content.
+    """Write rows atomically to an ``.npy`` file, and return the SHA-256 of its content.
 
     Raises:
         ValueError: `rows` is not one-dimensional or not of type `dtype`.

@@ -26,18 +26,18 @@ _SMALL: Final = 0.01
 
 
 def anatomies_of(result: Result) -> tuple[AnatomySummary, ...]:
-    """Return the anatomies of a result, which most results have none of."""
+    """Return the anatomies of a result; most results have none."""
     return () if result.anatomies is msgspec.UNSET else result.anatomies
 
 
 def title(anatomy: AnatomySummary, path: PathSummary) -> str:
-    """Such as ``player → /in → blur → /out → out at 30 Hz``."""
+    """Return a path as a title, such as ``player → /in → blur → /out → out at 30 Hz``."""
     at = f" {at_rate(anatomy.rate_hz)}" if anatomy.rate_hz else ""
     return f"{' → '.join((*path.hops, path.monitor))}{at}"
 
 
 def caption(path: PathSummary) -> str:
-    """Return how many messages there are, and how they came."""
+    """Return how many messages a path has, and how they came."""
     texts = [f"{path.n:,} message{'s' if path.n != 1 else ''}"]
     if path.last < path.n:
         texts.append(f"{path.last:,} of them came after the other inputs that they needed")
@@ -90,7 +90,7 @@ def node_rows(anatomy: AnatomySummary) -> Iterator[tuple[str, ...]]:
 
 
 def anatomy_notes(anatomy: AnatomySummary) -> Iterator[str]:
-    """Yield what is missing, a sentence each, without a full stop."""
+    """Yield a sentence, without a full stop, on each missing part."""
     if anatomy.error:
         yield anatomy.error.rstrip(".")
     for monitor, received in anatomy.received.items():

@@ -50,7 +50,7 @@ def render(comparisons: Sequence[Comparison], name: str, width: int = 100) -> by
 
 
 def comparison_document(comparisons: Sequence[Comparison]) -> Document:
-    """Return the report of comparisons with one base: what has changed first, the rest folded."""
+    """Return the report of comparisons with one base: changes first, the rest folded."""
     lines = [line for comparison in comparisons for line in comparison.lines]
     several = len(comparisons) > 1
     blocks = (block for comparison in comparisons for block in _blocks(comparison, titled=several))

@@ -24,7 +24,7 @@ _SAMPLES_HEADER = (
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """RFC 4180 with a header line; numbers are exact, and None is empty."""
+    """Return RFC 4180 with a header line; numbers are exact, and None is empty."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\r\n")
     writer.writerow(header)
@@ -74,7 +74,7 @@ class ExpectedAnswer:
 
 
 def expected_answers(run: Run, monitor: MonitorPlan) -> Iterator[ExpectedAnswer]:
-    """Every expected output, in the order of playing, of the segments where pairs are known."""
+    """Yield every expected output, as played, of the segments in which pairs are known."""
     for segment in run.record.segments:
         playback, rows, matched = match_segment(run, segment, monitor)
         if not matched.pairs_known:

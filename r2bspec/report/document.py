@@ -1,7 +1,7 @@
 """A report as blocks, which the terminal, Markdown and HTML show each in its own way.
 
-Whoever has something to say makes a `Document`; `terminal`, `markdown` and `html.page` render it.
-A block has a `detail`: how much room it takes for a report to show it.
+A report is made as a `Document`; `terminal`, `markdown` and `html.page` render it. A block has a
+`detail`: how much room a report needs to show it.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Cell:
 
 
 def number(value: float | None, unit: str, path: str = "") -> Cell:
-    """Return the cell of a value of a result; a dash where there is none."""
+    """Return the cell of a value of a result; a dash without a value."""
     return Cell(show(value, unit), value, path if value is not None else "")
 
 
@@ -99,7 +99,7 @@ class Table:
     detail: Detail = Detail.ALWAYS
 
     def shown(self, detail: Detail) -> Table:
-        """Return the table without the columns that a report of this detail has no room for."""
+        """Return the table without the columns for which a report of this detail has no room."""
         places = [place for place, column in enumerate(self.columns) if column.detail <= detail]
         rows = tuple(
             Row(tuple(row.cells[place] for place in places), row.details, row.outcome, row.quiet)
@@ -127,7 +127,7 @@ class Items:
 
 @dataclass(frozen=True, slots=True)
 class Verbatim:
-    """Lines as they are: a log, or a spec."""
+    """Literal lines: a log, or a spec."""
 
     text: str
     detail: Detail = Detail.ALWAYS
@@ -157,7 +157,7 @@ class Chart:
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """Blocks that are folded below a title where a report can fold."""
+    """Blocks that are folded below a title in reports that can fold."""
 
     title: str
     blocks: tuple[Block, ...]

@@ -101,7 +101,7 @@ def render_text(
 ) -> str:
     """Return the findings in their order, a block of lines each; `sources` are texts by file name.
 
-    Of very many in one file, warnings are left out first, and then those further down.
+    If a file has very many, warnings are left out first, then findings further down.
     """
     by_file: dict[str, list[Diagnostic]] = {}
     for diagnostic in diagnostics:

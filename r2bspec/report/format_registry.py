@@ -42,7 +42,7 @@ Renderer = Callable[[ReportInput], bytes]
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One format.
+    """A report format.
 
     Attributes:
         function: that renders it, as ``module:function`` in this package; imported on demand.
@@ -77,7 +77,7 @@ GRAPH_PAGE: Final = "html.page:render_graph"
 
 
 def load(function: str) -> Callable[..., Any]:
-    """Return a function that this registry names, imported now."""
+    """Import and return a function that this registry names."""
     module, _, name = function.partition(":")
     loaded: Callable[..., Any] = getattr(importlib.import_module(f"r2bspec.report.{module}"), name)
     return loaded

@@ -1,4 +1,4 @@
-"""Documents as Markdown for a pull request or a step summary, with what is long folded.
+"""Documents as Markdown for a pull request or a step summary, with long parts folded.
 
 It is CommonMark with the tables and the folding of GitHub and GitLab. GitHub rejects comments of
 more than 65,536 characters; tables are cut, with a count of the omitted rows, long before that.

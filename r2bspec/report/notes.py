@@ -1,10 +1,10 @@
 """What a reader must know to interpret the results: sentences, the most important first.
 
-A report shows at most five of them, and none of an ordinary run that passes; the others stand in
-pages, and elsewhere with ``--verbose``. What is true of every run alike is no note: it stands in
-the documentation of verdicts. A sentence that the report has said already, such as the reason of a
-failed requirement, is left out. Where a busy machine leaves a run open, that is said first and
-alone, so that no advice about the graph contradicts it.
+A report shows at most five notes, and none for an ordinary run that passes; pages, and reports with
+``--verbose``, show the others. What is true of every run alike is no note: it is in the
+documentation of verdicts. A sentence that the report already contains, such as the reason of a
+failed requirement, is left out. If a busy machine leaves a run open, that is said first and alone,
+so that no advice about the graph contradicts it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _IDLE_SHARE: Final = 0.1
 
 
 class Weight(IntEnum):
-    """How much a note matters, the most first."""
+    """The importance of a note, the most important first."""
 
     BUSY = 0
     """Nothing but other programs leaves the run open: what they did is said first and alone."""
@@ -49,7 +49,7 @@ class Weight(IntEnum):
 
 
 class Note(NamedTuple):
-    """A sentence, and how much it matters."""
+    """A sentence and its importance."""
 
     weight: Weight
     text: str
@@ -74,7 +74,7 @@ def notes(result: Result, *, verbose: bool = False) -> Notes:
 
 
 def all_notes(result: Result) -> tuple[Note, ...]:
-    """Return every note once, the most important first; notes of one weight keep their order."""
+    """Return every note once, the most important first; equal notes keep their order."""
     said = _said(result)
     texts: dict[str, Note] = {}
     for note in _weighted(result):
@@ -195,7 +195,7 @@ def _busy_notes(result: Result) -> Iterator[str]:
 
 
 def interference_text(result: Result) -> str:
-    """Return what other programs did to a run, in a sentence; empty where they did nothing."""
+    """Return a sentence on what other programs did to a run; empty if they did nothing."""
     rates, probes = result.metrics.rates, wording.all_probes(result.metrics)
     kinds: tuple[tuple[str, int, list[tuple[str, ...]]], ...] = (
         (
@@ -227,7 +227,7 @@ def _interference_notes(result: Result) -> Iterator[str]:
 
 
 def idle_work_notes(result: Result) -> Iterator[str]:
-    """Yield where a process uses CPU without messages.
+    """Yield processes that use CPU without messages.
 
     Until the last output of a step has come, all cores together can have used no more processor
     time than cores × latency. So with the work w of a process in most steps (p50), the latency L
@@ -410,7 +410,7 @@ def _joined_notes(result: Result) -> Iterator[str]:
 
 
 def overhead_notes(result: Result) -> Iterator[str]:
-    """Yield with which placement of the harness the overhead was measured, and how large it is."""
+    """Yield the placement of the harness for its overhead, and how large the overhead is."""
     where = wording.overhead_placement(result.harness_overhead)
     latencies_ns = [
         overhead.latency_p50_ns

@@ -1,7 +1,7 @@
-"""The one way to write text to standard output and standard error.
+"""The only way to write text to standard output and standard error.
 
-Texts of others are in almost everything that is printed: names of files and topics, messages of
-exceptions, titles of results. What goes through here is harmless (see
+Almost everything that is printed contains foreign texts: names of files and topics, messages of
+exceptions, titles of results. Text that is printed here is made harmless (see
 `r2bspec.diagnostics.plain_text`), so that no writer has to think of it.
 """
 
@@ -30,7 +30,7 @@ def echo(
     styled: bool = False,
     commands: bool = False,
 ) -> None:
-    """Print a line, in which a line break can only be of a name, and is replaced.
+    """Print a line; line breaks inside names are replaced.
 
     Args:
         text: what to print.
@@ -49,7 +49,7 @@ def echo(
 def echo_document(content: str | bytes, *, nl: bool = True) -> None:
     """Print a document for programs.
 
-    Characters that control a terminal, which only JSON can have here, become escapes of JSON.
+    Control characters, which only JSON can contain here, become escapes of JSON.
     """
     click.echo(
         plain_text.escaped_json(content.encode() if isinstance(content, str) else content), nl=nl
@@ -66,18 +66,18 @@ MAX_TABLE_ROWS: Final = 200
 
 
 def rows_left_out(number: int) -> str:
-    """Return the line for rows that a table in a terminal does not show."""
+    """Return the line that counts the rows which a terminal table does not show."""
     return f"({number:,} more rows: --format json or --report json=FILE has all)"
 
 
 def write(stream: TextIO, text: str) -> None:
-    """Write a text, with or without colours around plain values, to a stream, at once."""
+    """Write a text to a stream at once, with or without colours around plain values."""
     stream.write(plain_text.short_lines(plain_text.harmless(text, styled=True)))
     stream.flush()
 
 
 def printed_text(show: Callable[[Console], object], width: int) -> str:
-    """What is shown on a console of this width: plain text, no spaces at the ends of lines."""
+    """Return what a console of this width shows: plain text without spaces at line ends."""
     buffer = io.StringIO()
     show(console(buffer, width=width, color_system=None, legacy_windows=False))
     return "".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines())
@@ -89,7 +89,7 @@ def console(stream: TextIO | None = None, **options: Any) -> Console:
     from rich.segment import Segment
 
     class PlainConsole(Console):
-        """Replaces control characters where styles are not part of the text yet."""
+        """Replaces control characters before styles become part of the text."""
 
         def render(self, *arguments: Any, **named: Any) -> Any:
             for segment in super().render(*arguments, **named):

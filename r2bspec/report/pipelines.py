@@ -1,9 +1,10 @@
 """The formats that pipelines read: JUnit XML, and the annotations of GitHub.
 
-JUnit XML has a suite for the run, a case for each requirement, and one for the run itself. A failed
-requirement is a failure and an inconclusive one an error, so that neither passes a pipeline; in the
-format ``junit_lenient`` the latter is skipped. A requirement whose level is not ``error`` passes
-with its verdict in the output. A run that is invalid or incomplete is an error of the case ``run``.
+JUnit XML has a suite for the run, a case for each requirement, and a case for the run itself. A
+failed requirement is a failure and an inconclusive requirement an error, so that neither passes a
+pipeline; in the format ``junit_lenient`` an inconclusive requirement is skipped. A requirement
+whose level is not ``error`` passes with its verdict in the output. A run that is invalid or
+incomplete is an error of the case ``run``.
 
 Workflow commands are what GitHub shows as annotations on the lines of the spec. A failed
 requirement is an error, an inconclusive one a warning; both are placed on the line of the
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 def render_junit(report_input: ReportInput, *, lenient: bool = False) -> bytes:
     """Return the XML.
 
-    Inconclusive requirements are errors, or, where it is lenient, skipped cases.
+    Inconclusive requirements are errors or, if `lenient`, skipped cases.
     """
     from junitparser import JUnitXml
 
@@ -151,7 +152,7 @@ _ADVISORY_COMMANDS = {"warn": "warning", "info": "notice"}
 
 
 def render_github(report_input: ReportInput) -> bytes:
-    """Return the commands, the verdict first, failures before what is inconclusive."""
+    """Return the commands: the verdict first, failures before inconclusive requirements."""
     return "".join(f"{line}\n" for line in _commands(report_input)).encode()
 
 

@@ -1,4 +1,4 @@
-"""The progress of a run on standard error, with its rest: live on a terminal, else plain lines."""
+"""The progress of a run on standard error, with the time left: live on a terminal, else lines."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 
 class RemainingTime:
-    """Follows the phases of a run, or of several runs of one plan, and estimates what is left.
+    """Follows the phases of a run, or of several runs of one plan, and estimates the time left.
 
-    Of several runs, the next one will take as long as the one before.
+    Of several runs, the next is expected to take as long as the previous run.
     """
 
     def __init__(
@@ -52,10 +52,10 @@ class RemainingTime:
         self._is_known = True
 
     def begin(self, name: str) -> None:
-        """A phase begins.
+        """Note the begin of a phase.
 
-        One that is earlier than the last belongs to the next run, or to a later start of this one,
-        of which the time is a part of the estimate of ``play``.
+        A phase before the last belongs to the next run, or to a later start of this run, whose time
+        is a part of the estimate of ``play``.
         """
         if name == "confirm":
             # What was played is played once more.
@@ -78,7 +78,7 @@ class RemainingTime:
         self._phase, self._began_s = number, self._clock()
 
     def seconds(self) -> float:
-        """Return the estimated rest; a phase that takes longer than expected adds nothing."""
+        """Return the estimated time left; a phase longer than expected adds nothing."""
         times = [seconds * self._factor for seconds in self._estimate.phases.values()]
         later = sum(times[self._phase + 1 :])
         elapsed_s = self._clock() - self._began_s if self._phase >= 0 else 0.0
@@ -100,7 +100,7 @@ class RemainingTime:
         return list(self._estimate.phases.values())[self._phase] * self._factor + once_s
 
     def text(self) -> str:
-        """Return the rest in words, as far as it is known."""
+        """Return the time left in words, as far as it is known."""
         late_s = self._clock() - self._began_s - self._current_s
         if not self._is_known or (self._phase >= 0 and late_s > max(_LATE_S, self._current_s / 3)):
             return "takes longer than estimated"
@@ -284,7 +284,7 @@ class _LiveProgress(_ShownProgress):
 def shown_progress(
     *, quiet: bool = False, remaining: RemainingTime | None = None
 ) -> Iterator[Progress]:
-    """A progress listener for a run, for as long as the context lasts.
+    """Show the progress of a run for the block.
 
     CI systems keep what is printed, so a live view there would be a thousand lines; with the
     variable ``CI`` there is a line a minute.

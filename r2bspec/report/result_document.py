@@ -172,7 +172,7 @@ def requirement_rows(
     verbose: bool = False,
     spec: Cell | None = None,
 ) -> list[Row]:
-    """Return a row for each requirement of a run, those first that are not met.
+    """Return a row for each requirement of a run, unmet requirements first.
 
     Args:
         result: of the run.

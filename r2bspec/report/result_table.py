@@ -1,8 +1,8 @@
 """The values of monitors, and every value of a result in long format.
 
-A row of measurements has what a monitor received at a rate, over all iterations or in one of them;
-its columns are the metrics that are declared, each with its unit and its place in
-``result.json``. `result_rows` has one value a row, with the values that belong to no monitor.
+A row of measurements has the values of a monitor at a rate, over all iterations or in one of them;
+its columns are the declared metrics, each with its unit and its place in ``result.json``.
+`result_rows` has one value a row, including values that belong to no monitor.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def summary_metrics(outputs: Outputs = "answers") -> list[MetricInfo]:
 
 
 def is_roomy(info: MetricInfo) -> bool:
-    """Return whether a metric is left out of tables where there is little room."""
+    """Return True if narrow tables leave a metric out."""
     return info.quantile is not None and info.part not in SHORT_PERCENTILES
 
 
@@ -58,7 +58,7 @@ def section_metrics(section: Section) -> list[MetricInfo]:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A row of the measurements: what a monitor received at one rate.
+    """A row of the measurements: the values of a monitor at one rate.
 
     Attributes:
         rate: with everything that was measured at it.
@@ -80,7 +80,7 @@ class Measured:
         return show_rate(self.rate.offered_hz, self.rate.pace)
 
     def range_text(self, info: MetricInfo) -> str:
-        """Return the range of a metric over the iterations; empty where it is not known."""
+        """Return the range of a metric over the iterations; empty if unknown."""
         spread = self.rate.spread[self.monitor].get(info.name)
         return show_range(spread.low, spread.high, info.unit) if spread else ""
 
@@ -91,7 +91,7 @@ def monitor_names(metrics: RunMetrics) -> list[str]:
 
 
 def measured(metrics: RunMetrics, monitor: str = "") -> Iterator[Measured]:
-    """Yield what each monitor, or the one of that name, received over all iterations, by rate."""
+    """Yield the values of each monitor, or of the named monitor, over all iterations, by rate."""
     for number, rate in enumerate(metrics.rates):
         for name, seen in rate.pooled.monitors.items():
             if monitor in {"", name}:
@@ -100,7 +100,7 @@ def measured(metrics: RunMetrics, monitor: str = "") -> Iterator[Measured]:
 
 
 def measured_iterations(metrics: RunMetrics, monitor: str) -> Iterator[Measured]:
-    """Yield what a monitor received in each iteration, by rate."""
+    """Yield the values of a monitor in each iteration, by rate."""
     for number, rate in enumerate(metrics.rates):
         for place, iteration in enumerate(rate.iterations):
             path = f"metrics/rates/{number}/iterations/{place}/monitors/{pointer(monitor)}"
@@ -113,7 +113,7 @@ def pointer(key: str) -> str:
 
 
 class Row(NamedTuple):
-    """One value.
+    """A value of a result.
 
     Attributes:
         offered_hz: None for the whole run.

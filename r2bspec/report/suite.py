@@ -48,7 +48,7 @@ _SEVERITY: Final = (
 
 
 class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
-    """One run of a suite.
+    """A run of a suite.
 
     Attributes:
         name: of the benchmark, with its case.
@@ -80,7 +80,7 @@ class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SuiteSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """Runs that were made one after the other, in their order.
+    """Runs that were made one after another, in their order.
 
     Attributes:
         exit_status: the worst of all; see `worst_status`.
@@ -173,7 +173,7 @@ _WORST_FIRST: Final = ("error", "fail", "inconclusive", "pass", "")
 
 
 def render(name: str, summary: SuiteSummary, results: Results, path: str = STDOUT) -> bytes:
-    """Return a summary in one of the `SUITE_FORMATS`, for a file of this path."""
+    """Return a summary in a format of `SUITE_FORMATS`, for a file of this path."""
     if name == "json":
         return msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n"
     told = _with_distinct_names(summary)

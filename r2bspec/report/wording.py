@@ -68,19 +68,19 @@ def headline(result: Result) -> str:
 def requirement_headline(
     verdict: RequirementVerdict, result: Result, *, name_monitor: bool = False
 ) -> str:
-    """Return the same line about one requirement."""
+    """Return the first line for a single requirement."""
     value = _value(verdict, result, name_monitor=name_monitor)
     return _with_changes(f"{OUTCOME_WORDS[verdict.outcome]} {result.name}: {value}", result)
 
 
 def reason_after(line: str, verdict: Verdict) -> str:
-    """Return the verdict in one sentence, unless the first line of the report has said it."""
+    """Return the verdict in one sentence, unless the first line of the report contains it."""
     reason = " ".join(split_output(verdict.reason)[0].split())
     return "" if reason.rstrip(".") in line else reason
 
 
 def base_name(result: Result) -> str:
-    """Return what a run was compared with, in few words; empty where it was not compared."""
+    """Return what a run was compared with, in few words; empty without a comparison."""
     pairs = result.pairs
     if pairs is None:
         return ""
@@ -268,7 +268,7 @@ def _share_of_limit(verdict: RequirementVerdict, value: float) -> float:
 
 
 def overall_word(verdict: Verdict) -> str:
-    """Return the outcome with its mark; a run of which nothing was judged has passed nothing."""
+    """Return the outcome with its mark; a run without judged requirements has not passed."""
     if verdict.outcome == "pass" and not verdict.requirements:
         return "– NOT JUDGED"
     return OUTCOME_WORDS[verdict.outcome]
@@ -280,7 +280,7 @@ def outcome_title(verdict: Verdict) -> str:
 
 
 def verdict_word(one: RequirementVerdict) -> str:
-    """Return the outcome of a requirement, with its level where it does not fail the run."""
+    """Return the outcome of a requirement, with its level if it does not fail the run."""
     word = "? OPEN" if one.left_open else OUTCOME_WORDS[one.outcome]
     if one.outcome == "pass" or one.level == "error":
         return word
@@ -311,9 +311,9 @@ def estimate_text(one: RequirementVerdict) -> str:
 
 
 def bounds_text(one: RequirementVerdict) -> str:
-    """Return the bounds: ``[111, 114]``, with a unit where the estimate does not share it.
+    """Return the bounds: ``[111, 114]``, with a unit if the estimate has another.
 
-    Empty where they say nothing: both are the estimate, or the only one is 0.
+    Empty if they say nothing: both are the estimate, or the only bound is 0.
     """
     if one.lower is None and one.upper is None:
         return "observed" if one.method == "observation" else ""
@@ -335,7 +335,7 @@ def _spaced_interval(one: RequirementVerdict) -> str:
 
 
 def interval_text(lower: float | None, upper: float | None, unit: str, digits: int = 3) -> str:
-    """Return an interval, one-sided where only one side is bounded; empty if none is."""
+    """Return an interval, one-sided if only one side is bounded; empty without bounds."""
     if lower is None:
         return "" if upper is None else f"≤ {show(upper, unit, digits)}"
     if upper is None:
@@ -347,7 +347,7 @@ def interval_text(lower: float | None, upper: float | None, unit: str, digits: i
 
 
 def probe_mark(probe: Probe) -> str:
-    """Return the mark of a probe; ``~`` if it kept up, too short to bound the losses."""
+    """Return the mark of a probe; ``~`` if it kept up, but was too short to bound the losses."""
     if probe.holds is None:
         return "~" if probe.keeps_up else "?"
     return "✔" if probe.holds else "✘"
@@ -397,7 +397,7 @@ def peak_text(search: SearchRecord) -> str:
 
 
 def comparison(result: Result) -> Iterator[str]:
-    """Yield what a reader has to know of gate and base, a sentence each."""
+    """Yield sentences on gate and base for the reader."""
     yield from (f"{text[:1].upper()}{text[1:]}" for text in result.gate)
     # The first line of a report names only some of the changes.
     if len(result.changes) > _NAMED_CHANGES:
@@ -422,7 +422,7 @@ def comparison(result: Result) -> Iterator[str]:
 
 
 def revisions(result: Result) -> tuple[str, str]:
-    """Return the revision of the head, and that of the base; empty where they are not known."""
+    """Return the revisions of head and base; empty if unknown."""
     head, base = (
         revision_text(identity.revision) if identity is not None else ""
         for identity in (result.identity, result.base_identity)
@@ -431,14 +431,14 @@ def revisions(result: Result) -> tuple[str, str]:
 
 
 def revisions_text(head: str, base: str) -> str:
-    """Return the revisions that were run, in words; empty where they are not known."""
+    """Return the revisions that were run, in words; empty if unknown."""
     if head and base and head != base:
         return f"head {head}, base {base}"
     return f"revision {head}" if head else ""
 
 
 def code_text(result: Result) -> str:
-    """Return the revisions that were run; empty where they are not known."""
+    """Return the revisions that were run; empty if unknown."""
     return revisions_text(*revisions(result))
 
 
@@ -457,7 +457,7 @@ def code_facts(result: Result) -> dict[str, str]:
 
 
 def own_pace(metrics: RunMetrics) -> str:
-    """Return what set the rate of messages, where none was offered; else an empty text."""
+    """Return what set the rate of messages if none was offered; else an empty text."""
     return next((rate.pace for rate in metrics.rates if not rate.offered_hz), "")
 
 
@@ -467,10 +467,10 @@ def loaded_rmw(result: Result) -> str:
 
 
 def starts_text(starts: Sequence[StartRecord]) -> str:
-    """Return how often all processes were started, and what that took each time.
+    """Return how often all processes were started, and how long a start took.
 
-    The time is the median of the starts after the first, in which more was to be loaded, if there
-    are any. Empty if unknown.
+    The time is the median of the starts after the first, which loads more, if there are any. Empty
+    if unknown.
     """
     if not starts:
         return ""
@@ -484,6 +484,6 @@ def starts_text(starts: Sequence[StartRecord]) -> str:
 
 
 def overhead_placement(overheads: tuple[HarnessOverheadRecord, ...]) -> str:
-    """Return between how many processes the overhead was measured; empty where it is unknown."""
+    """Return between how many processes the overhead was measured; empty if unknown."""
     processes = max((overhead.processes for overhead in overheads), default=0)
     return {1: "within one process", 2: "between two processes"}.get(processes, "")

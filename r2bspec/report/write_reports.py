@@ -64,7 +64,7 @@ def parse_report_requests(options: Iterable[str]) -> tuple[ReportRequest, ...]:
 def check_targets(
     requests: Sequence[ReportRequest], read: Iterable[str] = (), output: Path | None = None
 ) -> None:
-    """Check that no report replaces another one, or what r2bspec reads or has written.
+    """Check that no report replaces another report, or a file that r2bspec reads or has written.
 
     Args:
         requests: the reports; a placeholder in a path stands for any text.
@@ -129,7 +129,7 @@ def _parse(option: str) -> ReportRequest:
 
 
 def takes_stdout(requests: Sequence[ReportRequest]) -> bool:
-    """Return whether one of the reports is written to standard output."""
+    """Return True if a report is written to standard output."""
     return any(request.path == STDOUT for request in requests)
 
 
@@ -150,7 +150,7 @@ def write_reports(requests: Iterable[ReportRequest], report_input: ReportInput) 
 
 
 def link_text(target: Path, page: str) -> str:
-    """A link from a page to a file, relative to the page, so that both can be moved together."""
+    """Return a link from a page to a file, relative to the page, so that both can be moved."""
     return quote(Path(os.path.relpath(target, Path(page).parent)).as_posix())
 
 
@@ -198,7 +198,7 @@ def write_folder_reports(
 def write_failure_reports(
     requests: Iterable[ReportRequest], error: R2bspecError, spec: Path
 ) -> None:
-    """Write the requested reports that can tell of an error.
+    """Write the requested reports that can represent an error.
 
     Args:
         requests: the reports.
@@ -248,7 +248,7 @@ def write_failure_reports(
 
 
 def failure(error: R2bspecError) -> dict[str, Any]:
-    """Return an error as JSON has it in place of a result."""
+    """Return an error as the JSON that replaces a result."""
     return {
         "r2bspec_error": 1,
         "code": error.code,

@@ -59,7 +59,7 @@ _WRAPPERS: Final = ("ros2", "launch")
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """What is known of a process that has connected.
+    """What a process says of itself when it connects.
 
     Attributes:
         pid: its id.
@@ -109,7 +109,7 @@ class GraphJoins:
         self._connected: dict[tuple[int, str], socket.socket] = {}
 
     def environment(self, process: str, environment: dict[str, str]) -> dict[str, str]:
-        """Return the environment of a process that gets parts."""
+        """Return the environment of a process that parts of the harness join."""
         preloaded = environment.get("LD_PRELOAD", "")
         return environment | join_environment(self._preload, self._path, process, preloaded)
 
@@ -137,14 +137,14 @@ class GraphJoins:
             self._supervisor.add_joined_part(child, part, self._connected.pop(key))
 
     def release(self) -> None:
-        """Let all processes go on: the publishers of the harness exist."""
+        """Let all processes continue: the publishers of the harness exist."""
         for connection in (*self._joined, *(connection for _, connection in self._asking)):
             connection.close()
         self._joined.clear()
         self._asking.clear()
 
     def poll(self) -> None:
-        """Accept what has connected since the last time."""
+        """Accept the connections that have arrived since the last call."""
         with contextlib.suppress(BlockingIOError):
             while True:
                 connection, _ = self._listener.accept()
@@ -157,7 +157,7 @@ class GraphJoins:
                     self._asking.append((hello, connection))
 
     def close(self) -> None:
-        """Listen no longer; processes that have asked in the meantime go on."""
+        """Stop listening; processes that have asked in the meantime continue."""
         self.poll()
         self.release()
         # Parts that nobody has asked for.
@@ -290,7 +290,7 @@ def not_joinable(name: str, reason: str, hint: str = "") -> NotJoinableError:
 
 
 def has_loaded_ros(pids: Iterable[int]) -> bool:
-    """Whether a process has loaded ROS, or may have: one whose memory cannot be looked at."""
+    """Return True if a process has loaded ROS, or if its memory map cannot be read."""
     for pid in pids:
         try:
             if _RCL in Path(f"/proc/{pid}/maps").read_bytes():
@@ -303,7 +303,7 @@ def has_loaded_ros(pids: Iterable[int]) -> bool:
 
 
 def is_target_process(hello: Hello, program: str) -> bool:
-    """Return whether a process that asks is the node, and no wrapper that will start it.
+    """Return True if the process is the node itself, not a launcher.
 
     Args:
         hello: what it says of itself.
@@ -316,7 +316,7 @@ def is_target_process(hello: Hello, program: str) -> bool:
 
 
 def program_name(hello: Hello) -> str:
-    """Return the name by which `is_target_process` finds a program: its node's, or its own."""
+    """Return the name by which `is_target_process` recognises a program: its node's, or its own."""
     for word in hello.arguments:
         if word.startswith("__node:="):
             return word.removeprefix("__node:=")
@@ -383,7 +383,7 @@ class HarnessProcesses:
     def node_hosts(self) -> list[tuple[ManagedProcess, ProcessPlan]]:
         """Return the common process of the parts, with its plan, if nodes run in it.
 
-        Else nothing.
+        The list is empty otherwise.
         """
         plan = self._plans.get("harness")
         return [(self._harness_process(), plan)] if plan is not None and plan.nodes else []
@@ -456,11 +456,11 @@ class GraphHarness:
 
 
 def overhead_processes(processes: Iterable[ProcessPlan]) -> tuple[ProcessPlan, ...]:
-    """Processes of the harness alone, in which its overhead is measured before the graph starts.
+    """Return the processes that measure the overhead of the harness before the graph starts.
 
-    It is one if one process of the graph has all parts, else two: messages pass from player to
-    monitor as they will pass to and from the nodes. Of a process with several programs, one has
-    the parts, and another may be at the other end of the graph.
+    It is one process if one process of the graph has all parts, else two, so that messages pass
+    from player to monitor as they will pass to and from the nodes. If a process has several
+    programs, one of them has the parts, and another may be at the other end of the graph.
     """
     joins = [process.join for process in processes if process.join is not None]
     is_one = len(joins) == 1 and not joins[0].program
@@ -472,9 +472,10 @@ def overhead_processes(processes: Iterable[ProcessPlan]) -> tuple[ProcessPlan, .
 
 
 class MonitorGroup(ManagedProcess):
-    """Sends commands to all monitors, and joins their answers to one.
+    """Sends commands to all monitors, and combines their answers.
 
-    What is watched for a while only (`protocol.StartTap`) is watched by the first of them.
+    Topics that are recorded only for a while (`protocol.StartTap`) are recorded by the first
+    monitor.
 
     Args:
         members: the monitors, each with the names of its topics; they have been configured.
@@ -490,7 +491,7 @@ class MonitorGroup(ManagedProcess):
             member.inbox = _Forwarding(self, member)
 
     def send(self, message: Any) -> None:
-        """Send a command to those that it is for."""
+        """Send a command to the monitors that it concerns."""
         commands: dict[ManagedProcess, Any]
         if isinstance(message, protocol.StartTap | protocol.StopTap):
             commands = {self._members[0][0]: message}
@@ -507,7 +508,7 @@ class MonitorGroup(ManagedProcess):
             member.send(command)
 
     def collect(self, matched: protocol.Matched) -> None:
-        """Take the answer of one of them; with the last, the answer is complete."""
+        """Take the answer of one monitor; with the last of them, the answer is complete."""
         self._matched.append(matched)
         if len(self._matched) == self._asked:
             counts = {

@@ -2,7 +2,7 @@
 
 The publishers of the harness start first, then the nodes, then the subscriptions of the harness:
 nodes that copy their QoS from existing publishers, or that subscribe only once they have a
-subscriber, need this order. When all are ready is seen in `r2bspec.execute.graph_matching`.
+subscriber, need this order. `r2bspec.execute.graph_matching` waits until all are ready.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class Launcher:
         )
 
     def start(self, plan: ProcessPlan, parts: Iterable[str] = ()) -> ManagedProcess:
-        """Start one process, unless it was started early; it then runs.
+        """Start a process, unless it was started early; it then continues.
 
         A harness process, and each of its `parts`, waits for its role.
 
@@ -148,10 +148,10 @@ class Launcher:
         return child
 
     def start_observer(self, settings: protocol.ConfigureObserver) -> ManagedProcess:
-        """Start the process that says what discovery shows; it is used after `wait_for_observer`.
+        """Start the process that reports what discovery shows; `wait_for_observer` waits for it.
 
-        If it publishes something, it is waited for here: all nodes, which are started later, then
-        receive that from the beginning.
+        If it also publishes something, it is waited for here, so that all nodes, which are started
+        later, receive that from the beginning.
 
         Raises:
             RunError: it is not ready in time, or exits.
@@ -181,12 +181,12 @@ class Launcher:
         *,
         observer: bool = True,
     ) -> None:
-        """Start those processes that import ROS, and let them do it; all others come in order.
+        """Start the processes that import ROS, and let them do it; all others start in order.
 
         These are the observer, the loader and the processes of Python nodes. They initialise ROS
-        and create nodes when they are started in order, and not before, so that the order of the
-        start remains: this only overlaps the imports of several processes with each other, and
-        with what the controller does meanwhile.
+        and create nodes only when their turn comes, so the order of the start is kept: this only
+        overlaps the imports of several processes with each other and with the work of the
+        controller.
 
         Args:
             plans: the processes of a phase; those that have been started early are left out.
@@ -232,7 +232,7 @@ class Launcher:
         running_hosts: Iterable[tuple[ManagedProcess, ProcessPlan]] = (),
         on_joined: Callable[[ManagedProcess, ProcessPlan], None] = lambda _, __: None,
     ) -> list[ManagedProcess]:
-        """Start processes with nodes; returns when every Python node has been created.
+        """Start processes with nodes, and return when every Python node has been created.
 
         All components are then loaded, too. The state of other processes is unknown.
 
@@ -286,7 +286,7 @@ class Launcher:
         return [child for child, _ in started]
 
     def describe_lifecycle_nodes(self) -> None:
-        """Ask Python hosts what their lifecycle nodes have, which exists once they are configured.
+        """Ask Python hosts for the endpoints of their lifecycle nodes, which exist once configured.
 
         Raises:
             RunError: a host does not answer.
@@ -343,13 +343,13 @@ class Launcher:
 
     @property
     def known_differences(self) -> set[tuple[str, str]]:
-        """The nodes of the differences, with the parameters or names that these are about."""
+        """The reported differences, as pairs of a node and a parameter or name."""
         return {(difference.owner, difference.name) for difference in self.differences}
 
     def has_created(self, owner: str) -> bool:
-        """Return whether a node, or every node if it is unknown, has all of its endpoints.
+        """Return True if a node, or every node if it is unknown, has all of its endpoints.
 
-        A node that cannot be queried may still create one.
+        A node that cannot be queried may still create endpoints.
         """
         if owner.startswith("/"):
             return owner in self._created_nodes
@@ -497,7 +497,7 @@ class Launcher:
         self._supervisor.end([child])
 
     def call_settings(self, plan: Plan, **where: Any) -> protocol.ConfigureCalls:
-        """Return what a process that calls services is told.
+        """Return the settings of a process that calls services.
 
         Args:
             plan: of the run.

@@ -1,9 +1,10 @@
-"""Lifecycle nodes: brought into the states that the spec says, and recognised where nothing does.
+"""Lifecycle nodes: brought into the states of the spec, or recognised if the spec has none.
 
 The endpoints of such a node may exist only once it is configured, so its state is changed before
-they are waited for. All nodes are configured, then activated, each time in the order of the spec.
-A node whose state the spec does not mention is left alone: something in the graph, such as a
-lifecycle manager, activates it. If nothing there can, it is said instead of waited for.
+they are waited for. All nodes are configured, then activated, each time in the order of the spec. A
+node whose state the spec does not mention is left alone: something in the graph, such as a
+lifecycle manager, activates it. If nothing there can, the run ends with an error instead of
+waiting.
 """
 
 from __future__ import annotations
@@ -185,7 +186,7 @@ class LifecycleNodes:
         )
 
     def never_active(self, missing: Collection[str]) -> frozenset[str]:
-        """Return the topics that lack endpoints of nodes that nothing in the graph can activate.
+        """Return the topics that miss endpoints of nodes which nothing in the graph can activate.
 
         Raises:
             RunError: the observer does not answer.
@@ -203,9 +204,9 @@ class LifecycleNodes:
         )
 
     def waiting(self, topics: Iterable[str]) -> tuple[WaitingNode, ...]:
-        """The nodes that are not active, and that topics without messages may be waiting for.
+        """Return the inactive nodes for which topics without messages may be waiting.
 
-        A node whose state is in the plan is where it was brought.
+        A node whose state is in the plan has been brought there, and is not among them.
 
         Raises:
             RunError: the observer does not answer.
@@ -236,7 +237,7 @@ class LifecycleNodes:
 
 
 class WaitingNode(NamedTuple):
-    """A node that is not active, and the nodes that can change that."""
+    """A node that is not active, and the nodes that can activate it."""
 
     difference: Difference
     managers: tuple[str, ...]

@@ -1,8 +1,8 @@
-"""What is wrong with a node: it cannot be created, or has not the names of the spec.
+"""Faults of a node: it cannot be created, or its names differ from the spec.
 
-A container answers with one sentence, and an executable ends with an exception that nothing has
-caught. Both contain what rclcpp says of a parameter, so that the same mistake is the same error
-whatever the node runs in.
+A container answers with one sentence, and an executable ends with an uncaught exception. Both
+contain the message of rclcpp about a parameter, so that the same mistake is the same error whatever
+the node runs in.
 
 Of names, the codes are those of ``r2bspec validate``. A Python host compares the parameters of its
 nodes itself. Other processes are asked over their parameter services, when the graph is ready:
@@ -66,7 +66,7 @@ _UNCAUGHT_PYTHON = re.compile(r"^Traceback \(most recent call last\):$", re.MULT
 
 
 class Fault(msgspec.Struct, frozen=True):
-    """What is wrong: in words, at which part of the node, and what to do."""
+    """A fault: a description, the part of the node that it concerns, and a remedy."""
 
     why: str
     part: Literal["node", "plugin", "package", "parameter"] = "node"
@@ -75,7 +75,7 @@ class Fault(msgspec.Struct, frozen=True):
 
 
 def component_fault(node: NodePlan, reason: str) -> Fault:
-    """Return what the answer of a container says, as rclcpp_components writes it.
+    """Return the fault that the answer of a container describes, as rclcpp_components writes it.
 
     Args:
         node: a component.
@@ -116,7 +116,7 @@ def _unknown_package(package: str) -> Fault:
 
 
 def exception_fault(what: str, otherwise: str) -> Fault:
-    """Return what the text of an exception in a constructor says.
+    """Return the fault that the text of an exception in a constructor describes.
 
     Args:
         what: the text.
@@ -161,7 +161,7 @@ def _refused(name: str, reason: str) -> Fault:
 
 
 def not_loaded(node: NodePlan, container: str, reason: str, output: str) -> GraphDifferencesError:
-    """Return the error for a component that its container has refused.
+    """Return the error for a component that its container has refused to load.
 
     Args:
         node: the component.
@@ -200,7 +200,7 @@ def not_created(died: ProcessDiedError, nodes: Iterable[NodePlan]) -> GraphDiffe
 
 
 def not_made(failed: ProcessFailedError, nodes: Iterable[NodePlan]) -> GraphDifferencesError | None:
-    """Return the error for a Python node whose host says that it could not be created; else None.
+    """Return the error for a Python node that its host could not create; None if there is none.
 
     Args:
         failed: what the host says.
@@ -298,7 +298,7 @@ def undeclared_parameter(node: str, name: str, known: Sequence[str]) -> Differen
 
 
 def nodes_with_one_name(plan: ProcessPlan, log: Path) -> Iterator[Difference]:
-    """Several nodes of an executable, all of which have the name that its process was given.
+    """Return the error for an executable whose nodes all got the name given to its process.
 
     Args:
         plan: of the process.
@@ -322,7 +322,7 @@ def nodes_with_one_name(plan: ProcessPlan, log: Path) -> Iterator[Difference]:
 
 
 def unused_executor(plan: ProcessPlan) -> Iterator[Difference]:
-    """The executor of the plan, for a process whose function has turned out to be a program."""
+    """Return the problem of an executor in the plan whose process runs a program of its own."""
     if plan.executor != "single_threaded":
         for node in plan.nodes:
             yield Difference(
@@ -338,7 +338,7 @@ def unused_executor(plan: ProcessPlan) -> Iterator[Difference]:
 
 
 def unmatched_remappings(ready: protocol.Ready) -> Iterator[Difference]:
-    """Remappings that changed no name.
+    """Return remappings that changed no name.
 
     This need not be an error: a node may create a publisher or a subscription later.
     """
@@ -372,9 +372,9 @@ def unmatched_remapping(node: str, before: str, after: str, own: Iterable[str]) 
 def find_unmatched(
     rules: Sequence[RemappedTopic], supervisor: ProcessSupervisor
 ) -> tuple[Difference, ...]:
-    """Remappings of nodes outside of Python hosts that changed no name of theirs.
+    """Return remappings without effect of nodes outside of Python hosts.
 
-    A node that discovery does not show is left out.
+    Nodes that discovery does not show are left out.
 
     Args:
         rules: the remappings.
@@ -415,7 +415,7 @@ def _matches(rule: RemappedTopic, found: Mapping[str, Collection[str]]) -> bool:
 
 
 def spins_nodes(process: ProcessPlan, programs: Collection[str]) -> bool:
-    """Return whether a process of r2bspec spins its nodes, and has asked them itself."""
+    """Return True if a process of r2bspec spins its nodes, and queries them itself."""
     return process.role not in {"container", "command"} and process.name not in programs
 
 
@@ -427,8 +427,8 @@ def find_undeclared(
 ) -> tuple[Difference, ...]:
     """Return the parameters that no node declares, although its process has responded.
 
-    Only what is certainly a typing error is not harmless: a lifecycle node may declare parameters
-    when it is configured, and a parameter file may be for several nodes.
+    Only a certain typing error is reported: a lifecycle node may declare parameters when it is
+    configured, and a parameter file may be for several nodes.
 
     Args:
         plan: of the run.
@@ -497,7 +497,7 @@ def undeclared(
 
 
 def is_typing_error(written: str, meant: str) -> bool:
-    """Whether two names differ by one letter more, less, replaced, or swapped with the next."""
+    """Return True if two names differ by one letter: added, missing, replaced, or swapped."""
     if len(written) > len(meant):
         written, meant = meant, written
     if len(meant) - len(written) > 1 or len(written) < 3:

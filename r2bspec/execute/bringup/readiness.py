@@ -1,4 +1,4 @@
-"""What a start waits for apart from its endpoints: external nodes and readiness probes.
+"""External nodes and readiness probes, for which a start waits besides its endpoints.
 
 `benchmark.start_timeout` is the deadline of a start, from its first process to its first output.
 Readiness probes, the conditions under `ready`, must be met before anything is played. They have
@@ -61,7 +61,7 @@ class IdleTime:
         self._idle_since = self._looked_at = clock()
 
     def update(self) -> float:
-        """Look at the processes; returns for how many seconds they have been idle."""
+        """Sample the processes, and return for how many seconds they have been idle."""
         now = self._clock()
         passed_s = now - self._looked_at
         if passed_s < _MIN_WINDOW_S:
@@ -85,7 +85,7 @@ class IdleTime:
 
 
 def patience_s(timeout_s: float) -> float:
-    """How long a start without any progress is waited for: a third of its timeout, in seconds."""
+    """Return how long a start waits without progress: a third of its timeout, in seconds."""
     return max(_MIN_PATIENCE_S, timeout_s / 3)
 
 
@@ -114,11 +114,11 @@ class IdleNodes:
         self._idle = IdleTime(self._pids, clock)
 
     def update(self) -> float:
-        """Look at the processes; returns for how many seconds they have been idle."""
+        """Sample the processes, and return for how many seconds they have been idle."""
         return self._idle.update()
 
     def answer(self) -> bool:
-        """Return whether the executor of every node answers; never for nodes that cannot be asked.
+        """Return True if the executor of every node answers; False if a node cannot be asked.
 
         Raises:
             RunError: the observer does not respond.
@@ -136,10 +136,10 @@ class IdleNodes:
 
 
 def all_answer(processes: Iterable[ProcessPlan], found: protocol.ParameterLists) -> bool:
-    """Return whether every planned node is among those that have answered.
+    """Return True if every planned node has answered.
 
-    A program may name its nodes itself: for each such process, one more node has to answer than
-    the plan names. Containers have a node of their own. A lifecycle node may wait for its
+    A program may name its nodes itself: for each such process, one more node has to answer than the
+    plan names. Containers have a node of their own. A lifecycle node may wait for its
     configuration.
 
     Args:
@@ -161,7 +161,7 @@ def all_answer(processes: Iterable[ProcessPlan], found: protocol.ParameterLists)
 
 
 def starts_others(process: ProcessPlan) -> bool:
-    """Return whether a process starts others, which a launch file may do with a delay."""
+    """Return True if a process starts others, which a launch file may do with a delay."""
     return INCLUDED_LAUNCH in process.argv or "launch" in process.argv[:2]
 
 
@@ -173,7 +173,7 @@ _MAX_LINE_BYTES = 1 << 16
 
 
 class StartDeadline:
-    """A deadline that begins at its construction and that all steps of a start share.
+    """The deadline that all steps of a start share, from its construction on.
 
     Attributes:
         timeout_s: how long the whole start may take, in seconds.
@@ -186,7 +186,7 @@ class StartDeadline:
 
     @property
     def left_s(self) -> float:
-        """How many seconds are left; 0 once it is over."""
+        """The seconds that are left; 0 after the deadline."""
         return max(0.0, self._ends_at - self._clock())
 
     @property
@@ -196,7 +196,7 @@ class StartDeadline:
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Do not count this time: readiness probes and commands have their own timeouts."""
+        """Stop the clock for the block: readiness probes and commands have their own timeouts."""
         began = self._clock()
         try:
             yield
@@ -270,7 +270,7 @@ def wait_for_probe(
 def wait_for_services(
     supervisor: ProcessSupervisor, player: ManagedProcess, deadline: StartDeadline
 ) -> None:
-    """Wait until all services and actions that the player calls are there.
+    """Wait until all services and actions that the player calls are available.
 
     Raises:
         NotReadyError: one is not at the deadline.
@@ -330,7 +330,7 @@ class LogSearch:
         self._last_line = b""
 
     def finds(self, deadline: float) -> bool:
-        """Return whether a line has it; at the deadline what is left is not read."""
+        """Return True if a new line matches; after the deadline no further text is read."""
         try:
             with self._log.open("rb") as stream:
                 if stream.seek(0, os.SEEK_END) < self._at:  # the log was cut

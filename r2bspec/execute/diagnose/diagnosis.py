@@ -69,7 +69,7 @@ class PhaseGraph:
 
     @property
     def observer(self) -> GraphObserver:
-        """Observes the graph."""
+        """The observer of the graph."""
         plan, phase = self.plan, self.phase
         nodes = {node.name for process in plan.processes_in(phase) for node in process.nodes}
         known = tuple(each for each in self.launcher.endpoints if each[0] in nodes)
@@ -126,7 +126,7 @@ class PhaseGraph:
         certain: Collection[str] = (),
         names_related: bool = True,
     ) -> RunError:
-        """The error for a graph whose messages do not arrive, with the complete path below it.
+        """Return the error for a graph whose messages do not arrive, with the complete path.
 
         Args:
             facts: of the graph.
@@ -188,7 +188,7 @@ class PhaseGraph:
         return not (is_unknown and has_external) and self.launcher.has_created(fault.owner)
 
     def check_parameters(self) -> None:
-        """Ask nodes that are not in Python hosts for their parameters; tells of undeclared ones.
+        """Ask nodes outside of Python hosts for their parameters, and report undeclared parameters.
 
         Raises:
             GraphDifferencesError: a node does not declare a parameter that is certainly misspelt.
@@ -237,9 +237,9 @@ class PhaseGraph:
         )
 
     def add_unmatched_remappings(self, facts: GraphFacts, topics: Collection[str]) -> None:
-        """Record remappings to some topics without effect, which discovery has shown.
+        """Record remappings to some topics that discovery shows to have no effect.
 
-        What Python nodes say of themselves is already recorded.
+        Those of Python nodes, which say so themselves, are already recorded.
         """
         known = self.launcher.known_differences
         rules = [rule for rule in self.remapped_topics() if rule.topic in topics]
@@ -290,14 +290,14 @@ def graph_mismatches(
 def related_differences(
     faults: Iterable[Difference], launch_differences: Iterable[Difference]
 ) -> str:
-    """Other differences of the nodes with faults, as text to append to a sentence."""
+    """Return the other differences of nodes with faults, as text to append to a sentence."""
     owners = {fault.owner for fault in faults}
     return "".join(f"; {each.message}" for each in launch_differences if each.owner in owners)
 
 
 @dataclass
 class EarlyDiagnosis:
-    """Observes a graph that is not ready.
+    """Observes a graph that is not ready, before its deadline.
 
     Args:
         plan: of the run.
@@ -330,7 +330,7 @@ class EarlyDiagnosis:
         self._unchanged_since = self._next = self.clock() + _LOOK_S
 
     def certain(self, missing: Collection[str]) -> frozenset[str]:
-        """Return the missing topics that will never be matched; mostly, and at first, none.
+        """Return the missing topics that will never be matched; usually there are none.
 
         Raises:
             RunError: the observing process does not answer.

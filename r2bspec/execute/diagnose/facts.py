@@ -1,8 +1,8 @@
-"""What is known of a graph: planned and discovered endpoints, counted messages, foreign publishers.
+"""Facts of a graph: planned and discovered endpoints, counted messages, foreign publishers.
 
-The running graph is observed: its endpoints and, while some steps are played, its messages. What a
-publisher that is no process's of the run publishes on the topics of the run is in the samples, or
-was given to the nodes, so that nothing that was measured says anything about the graph.
+The running graph is observed: its endpoints and, while some steps are played, its messages. A
+publisher that belongs to no process of the run spoils the measurement if it publishes on the topics
+of the run: its messages are among the samples, or reach the nodes.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _UNPLANNED = TopicPlan(name="", type="", phase="measure", writers=(), readers=()
 
 @dataclass(frozen=True)
 class TopicFacts:
-    """One topic.
+    """The facts of one topic.
 
     Attributes:
         name: full name.
@@ -81,7 +81,7 @@ class TopicFacts:
 
     @property
     def is_planned(self) -> bool:
-        """Whether something is to publish it, or to subscribe to it."""
+        """Whether the plan has a publisher or a subscription of it."""
         return bool(self.planned_publishers or self.planned_subscribers)
 
     @cached_property
@@ -97,7 +97,7 @@ class TopicFacts:
 
 @dataclass(frozen=True)
 class GraphFacts:
-    """A graph.
+    """The facts of a graph.
 
     Attributes:
         topics: every topic, planned or discovered, by name.
@@ -112,7 +112,7 @@ class GraphFacts:
     nodes: frozenset[str] = frozenset()
 
     def topic(self, name: str) -> TopicFacts:
-        """Return a topic by its name; one of which nothing is known has no endpoints."""
+        """Return a topic by its name; without endpoints if nothing is known of it."""
         return self.topics.get(name, TopicFacts(name))
 
     @property
@@ -136,7 +136,7 @@ class GraphFacts:
     def topics_of(self, node: str) -> tuple[str, ...]:
         """Return the topics of a running node.
 
-        If it is not found, of nodes that are not in the plan.
+        Without such a node, return the topics of nodes that are not in the plan.
         """
         by_node: dict[str, dict[str, None]] = {}
         for name, topic in sorted(self.topics.items()):
@@ -210,7 +210,7 @@ def _with_plan_name(end: Endpoint) -> Endpoint:
 
 @dataclass(frozen=True)
 class GraphObserver:
-    """Observes the graph.
+    """Observes the running graph.
 
     Attributes:
         supervisor: all processes.
@@ -226,7 +226,7 @@ class GraphObserver:
     known: tuple[tuple[str, str, str, str], ...]
 
     def look(self) -> GraphFacts:
-        """Return the endpoints that discovery shows at this moment; there may be more."""
+        """Return the endpoints that discovery shows at this moment; more may follow."""
         return gather_facts(self.plan, self.phase, *self._discover())
 
     def observe(self) -> GraphFacts:
@@ -236,7 +236,7 @@ class GraphObserver:
     def trace(
         self, monitor: ManagedProcess, rows_dir: Path, play: Callable[[], None]
     ) -> GraphFacts:
-        """The endpoints, and the messages of every topic while `play` plays `TRACE_STEPS` steps.
+        """Return all endpoints, and the messages on every topic while `TRACE_STEPS` are played.
 
         Args:
             monitor: counts the messages.
@@ -319,7 +319,7 @@ def wait_for_quiet(
     limit_s: float = math.inf,
     goal: Sequence[int] = (),
 ) -> None:
-    """Wait until no message has arrived for a while; at most so long, as some topics never pause.
+    """Wait until no message has arrived for a while, at most `limit_s`: some topics never pause.
 
     Args:
         supervisor: of all processes.
@@ -348,10 +348,10 @@ def _endpoints(discovered: protocol.Discovered) -> list[tuple[str, str]]:
 
 
 def guarded_topics(plan: Plan) -> tuple[str, ...]:
-    """Return the topics on which only processes of the run may publish: what is played and watched.
+    """Return the played and recorded topics, on which only processes of the run may publish.
 
-    None where nodes of others take part, or a process loads another middleware than the observer,
-    so that it cannot be known by its identifiers.
+    There are none if nodes of others take part, or if a process loads another middleware than the
+    observer, so that its publishers cannot be recognised.
     """
     if plan.external or any(RMW_VARIABLE in process.env for process in plan.processes):
         return ()
@@ -362,7 +362,7 @@ def guarded_topics(plan: Plan) -> tuple[str, ...]:
 
 
 def foreign_publishers(supervisor: ProcessSupervisor) -> tuple[str, ...]:
-    """Every publisher that was seen on guarded topics and is no process's of the run, in words."""
+    """Return in words every publisher seen on guarded topics that is not of this run."""
     seen = supervisor.ask_observer(protocol.ListForeign(), protocol.ForeignPublishers).publishers
     if not seen:
         return ()

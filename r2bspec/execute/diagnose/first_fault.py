@@ -47,7 +47,7 @@ def _fault(code: str, topic: str, owner: str, message: str, instead: str = "") -
 
 
 def path_to(facts: GraphFacts, silent: str) -> tuple[str, ...]:
-    """The topics from the inputs to one without messages, in the order of the message flow."""
+    """Return the topics from the inputs to a topic without messages, in the order of the flow."""
     upstream = {silent}
     pending = [silent]
     for topic in pending:
@@ -64,7 +64,7 @@ def path_to(facts: GraphFacts, silent: str) -> tuple[str, ...]:
 def full_path(facts: GraphFacts, silent: str) -> tuple[str, ...]:
     """Return the path to a topic without messages.
 
-    If unknown, also all topics that inputs reach.
+    If the path is unknown, all topics that the inputs reach are added.
     """
     path = path_to(facts, silent)
     if {*path} & {*facts.inputs}:
@@ -272,7 +272,7 @@ def _messages(count: int | None) -> str:
 
 
 def path_lines(facts: GraphFacts, path: Iterable[str]) -> list[str]:
-    """The path as lines: publishers, subscriptions, types, QoS and message count of each topic."""
+    """Return the lines of a path: publishers, subscriptions, types, QoS and message counts."""
     lines = []
     for name in path:
         topic = facts.topic(name)

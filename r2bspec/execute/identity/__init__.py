@@ -1,1 +1,1 @@
-"""What a graph is made of, looked up without executing anything of it."""
+"""The files and packages of which a graph consists, determined without executing them."""

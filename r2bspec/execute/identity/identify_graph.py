@@ -1,10 +1,10 @@
-"""The identity of the graph of a plan: of each node, the files that its process uses.
+"""The identity of the graph of a plan: for each node, the files that its process uses.
 
-Before a run these are the files of the work tree that the plan names: of a Python node its file, of
-a command the files among its words, parameter files, launch files, and of a program or a component
-of a package of the work tree the sources of that, because what is built of them changes with the
-place of the build. After a run the files are known that the processes have really loaded
-(`observed_identity`). What is installed is known by the versions of its packages.
+Before a run these are the files of the work tree that the plan names: the file of a Python node;
+files among the words of a command; parameter files and launch files; and for a program or component
+from a package of the work tree the sources of that package, because build products change with the
+folder of the build. After a run it is the files that the processes have really loaded
+(`observed_identity`). Installed files are identified by the versions of their packages.
 
 Nothing is executed, and nothing of the graph is imported.
 """
@@ -48,7 +48,7 @@ from r2bspec.safe_io.safe_file import is_regular, open_regular, read_bytes
 
 
 class FileDigests:
-    """The digests of files of one run; each file is read once.
+    """The digests of files of one run; a file is read once.
 
     Args:
         top: the folder that paths are relative to.
@@ -62,7 +62,7 @@ class FileDigests:
     def digest(self, path: Path) -> FileDigest | None:
         """Return the digest of a file; None if it cannot be read.
 
-        Links are followed: a file that is linked into an installation has its name in the sources.
+        Links are followed: a file that is linked into an installation is named as in the sources.
         """
         place = self.real_path(path)
         if place not in self._digests:
@@ -73,7 +73,7 @@ class FileDigests:
         return FileDigest(self.shown(place), self._digests[place])
 
     def real_path(self, path: Path) -> str:
-        """Return a path without links; of the files of one folder, its links are resolved once."""
+        """Return a path without links; the links of a folder are resolved once."""
         folder, name = os.path.split(path)
         if name in {"", ".", ".."}:
             return os.path.realpath(path)
@@ -81,12 +81,12 @@ class FileDigests:
         return os.path.realpath(place) if os.path.islink(place) else place  # noqa: PTH114
 
     def shown(self, place: str) -> str:
-        """Return a path without links, as `FileDigest` has it."""
+        """Return a path without links, in the form of `FileDigest`."""
         inside = place.startswith(f"{self._top}/")
         return place[len(self._top) + 1 :] if inside else place
 
     def is_inside(self, path: Path) -> bool:
-        """Return whether a file is one of the work tree, after all links."""
+        """Return True if a file, after all links, is in the work tree."""
         return self.real_path(path).startswith(f"{self._top}/")
 
 
@@ -118,7 +118,7 @@ _NOT_RUN_FILES: Final = re.compile(r"(?i)(readme|changelog|license|contributing)
 
 
 class WorkspacePackages:
-    """The packages of one work tree, looked up when the first of them is asked for.
+    """The packages of a work tree, looked up on first use.
 
     Args:
         top: the top of the work tree.
@@ -144,9 +144,9 @@ class WorkspacePackages:
         return packages
 
     def sources(self, package: str) -> Iterator[Path]:
-        """Yield the files of a package, and of those of the work tree that it depends on.
+        """Yield the files of a package and of the packages of the work tree that it depends on.
 
-        Tests and documents are left out: they are no part of what runs.
+        Tests and documents are left out, because they do not run.
         """
         waiting, seen = [package], set[str]()
         while waiting:
@@ -159,7 +159,7 @@ class WorkspacePackages:
             waiting += [match.decode() for match in _DEPENDENCY.findall(_manifest(folder))]
 
     def counterpart(self, package: str, inside: str) -> Path | None:
-        """The source of an installed module of a package, by its path below the installation."""
+        """Return the source of an installed module of a package."""
         folder = self.folders.get(package)
         places = (folder / inside, folder / "src" / inside) if folder is not None else ()
         return next(filter(is_regular, places), None)
@@ -189,7 +189,7 @@ def _files_of(folder: Path) -> Iterator[Path]:
 def graph_identity(
     plan: Plan, base_dir: Path, *, revision: Revision | None = None, top: Path | None = None
 ) -> GraphIdentity:
-    """Return what the graph of a plan is made of, here and now.
+    """Return the identity of the graph of a plan as it is now on this machine.
 
     Args:
         plan: of the run.
@@ -217,7 +217,7 @@ def observed_identity(
     loaded: Mapping[str, Iterable[str]],
     top: Path | None = None,
 ) -> GraphIdentity:
-    """Return the identity of a graph by what its processes have loaded.
+    """Return the identity of a graph from the files that its processes have loaded.
 
     Args:
         identity: before the run.
@@ -240,7 +240,7 @@ def observed_identity(
 
 
 def changes_since(identity: GraphIdentity, base_dir: Path, *, is_elsewhere: bool) -> list[str]:
-    """Return what of a graph is not as it was in an earlier run: files, and versions of packages.
+    """Return the files and package versions of a graph that differ from an earlier run.
 
     Args:
         identity: of the earlier run.

@@ -1,6 +1,6 @@
-"""Which packages the Python modules of the graph are of, and their versions.
+"""The packages, and their versions, to which the Python modules of the graph belong.
 
-Folders are those that a process of the graph searches: of ``PYTHONPATH`` as it is now, which
+Folders are those that a process of the graph searches: those in ``PYTHONPATH`` as it is now, which
 differs between the sides of a comparison, and those of this interpreter.
 """
 
@@ -27,12 +27,12 @@ def _folders() -> list[str]:
 
 
 def is_installed(file: Path) -> bool:
-    """Whether a file belongs to the system or to an installed distribution: a version names it."""
+    """Return True if a file is of the system or of an installed distribution."""
     return str(file).startswith(_SYSTEM) or bool(installed_version(file))
 
 
 def installed_version(file: Path) -> dict[str, str]:
-    """Return the version of the distribution that a file belongs to, by its name.
+    """Return the version of the distribution that a file belongs to, with its name.
 
     Empty if there is none.
 
@@ -65,7 +65,7 @@ def _owners(folder: str) -> Mapping[str, tuple[str, str]]:
 
 
 def version_changes(packages: Mapping[str, str]) -> Iterator[str]:
-    """Yield which packages have another version now, as ``numpy 2.1 → 2.2``."""
+    """Yield the packages that have another version now, as ``numpy 2.1 → 2.2``."""
     for name, before in packages.items():
         now = platform.python_version() if name == "python" else _version(name)
         if now and now != before:

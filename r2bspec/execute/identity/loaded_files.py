@@ -1,9 +1,9 @@
 """The files that the processes of the graph have loaded.
 
-The kernel knows the files that a process has mapped, and those of all processes that it has
-started: a launch file is a process of its own. Sources of Python are read and not mapped; processes
-of Python name theirs themselves: hosts when they are asked (`r2bspec.harness.node_host`), all other
-programs when they exit (``r2bspec/harness/module_names``).
+The kernel lists the files that a process has mapped, and those of all processes that it has
+started, as a launch file does. Python sources are read and not mapped, so processes of Python
+report them themselves: hosts when they are asked (`r2bspec.harness.node_host`), all other programs
+when they exit (``r2bspec/harness/module_names``).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class LoadedFiles:
     _others: dict[int, frozenset[str]] = field(default_factory=dict)
 
     def look(self, hosts: Iterable[ManagedProcess], others: Iterable[ManagedProcess]) -> None:
-        """Take down what processes that run have loaded until now.
+        """Record the files that running processes have loaded so far.
 
         Args:
             hosts: processes of Python nodes, which say what they have imported.
@@ -70,7 +70,7 @@ class LoadedFiles:
     def by_process(
         self, processes: Iterable[ProcessRecord], *, complete: bool
     ) -> dict[str, frozenset[str]]:
-        """Return all files, by the name of the process, with what programs named when they exited.
+        """Return all files by the name of the process, with those that programs reported at exit.
 
         Args:
             processes: all of the run; they have ended.
@@ -103,7 +103,7 @@ class LoadedFiles:
 def mapped_files(pid: int) -> frozenset[str]:
     """Return the files that a process and its descendants have mapped.
 
-    None of one that has ended.
+    A process that has ended has none.
     """
     files: set[str] = set()
     for member in family(pid):
@@ -112,7 +112,7 @@ def mapped_files(pid: int) -> frozenset[str]:
 
 
 def modules_of_programs(folder: Path) -> dict[int, frozenset[str]]:
-    """Return the modules that programs in Python have imported, by the session in which they ran.
+    """Return the modules that Python programs have imported, by the session in which they ran.
 
     Args:
         folder: has a file of each program: its session and its id, and names separated by zeros.
@@ -127,7 +127,7 @@ def modules_of_programs(folder: Path) -> dict[int, frozenset[str]]:
 
 
 def loaded_by_graph(files: Iterable[str]) -> Iterator[str]:
-    """Of some files those that are neither of the standard library nor of r2bspec itself."""
+    """Return those of some files that are neither of the standard library nor of r2bspec itself."""
     paths = sysconfig.get_paths()
     library = tuple({f"{os.path.realpath(paths[name])}/" for name in ("stdlib", "platstdlib")})
     for file in files:

@@ -1,9 +1,9 @@
-"""One more iteration, with a profiler or observed from inside: what it costs was not measured.
+"""One more iteration, profiled or observed from inside, whose cost does not reach the results.
 
-It is played after everything that counts, the confirmation of a failure included. Processes that
-are observed from inside (`r2bspec.execute.anatomy`) are started afresh, and so are those before
-whose command a profiler has its words. Whatever fails here is part of the record; the verdict
-stays.
+It is played after everything that counts, including the confirmation of a failure. Processes that
+are observed from inside (`r2bspec.execute.anatomy`) are started afresh, and so are those whose
+command a profiler prefixes. A failure of this iteration is recorded, and does not change the
+verdict.
 
 ``perf``, ``py-spy`` and ``nsys`` stand for such words. Whether the system permits perf or py-spy to
 observe a process is tried before anything is measured: it depends on settings of the system, on the
@@ -70,7 +70,7 @@ _SHOWN_LINES: Final = 4
 
 @dataclass(frozen=True)
 class Profiler:
-    """A profiler as a run uses it.
+    """A profiler, and how a run uses it.
 
     Attributes:
         name: ``perf``, ``py-spy``, ``nsys``, or the first word of the command.
@@ -81,7 +81,7 @@ class Profiler:
     words: tuple[str, ...]
 
     def prefix(self, base: Path) -> tuple[str, ...]:
-        """Return the words, for a file `base` without suffix."""
+        """Return the words before a command; `base` is the file to write, without suffix."""
         return tuple(word.replace(OUTPUT, str(base)) for word in self.words)
 
 
@@ -110,7 +110,7 @@ def find_profiler(text: str) -> Profiler:
 
 
 def require_usable(profiler: Profiler) -> None:
-    """Check that a profiler is installed and, of perf and py-spy, that it may observe a process.
+    """Check that a profiler is installed and, for perf and py-spy, may observe a process.
 
     Raises:
         ProfilerError: it is not, or may not.
@@ -181,7 +181,7 @@ def profiled_processes(plan: Plan) -> tuple[ProcessPlan, ...]:
 
 
 def profiled_rate(plan: Plan, peak_hz: float | None) -> tuple[float, int]:
-    """Return the highest rate of the plan, or the peak, and how long it is played, in ns."""
+    """Return the highest rate of the plan, or the peak, and the duration of the iteration in ns."""
     plays = [(play.rate_hz, play.duration_ns) for play in plan.play]
     if plan.play_at_peak is not None and peak_hz is not None:
         plays.append((peak_hz, plan.play_at_peak.duration_ns))
@@ -192,9 +192,9 @@ def profiled_rate(plan: Plan, peak_hz: float | None) -> tuple[float, int]:
 
 
 def wait_for_last_sample(starts: StartSequence) -> None:
-    """Wait until the last segment is over, with the sample of CPU use at the end of its period.
+    """Wait until the last segment is over, including the CPU sample at the end of its period.
 
-    A segment is played when its last answer has come, which is before that.
+    A segment counts as played when its last answer has come, which is before that.
 
     Raises:
         RunError: a process exited or failed; what was measured is then not whole.
@@ -226,7 +226,7 @@ class ProfiledIteration:
         self.supervisor, self.folder = self.starts.context.supervisor, self.starts.context.folder
 
     def play(self, peak_hz: float | None) -> tuple[ProfileRecord, ...]:
-        """Play, and end all processes; returns what came of it, for each process.
+        """Play, end all processes, and return the outcome of each process.
 
         Raises:
             InterruptedRunError: a signal interrupted the run.
@@ -311,9 +311,9 @@ class ProfiledIteration:
 
 
 def play_observed(starts: StartSequence, peak_hz: float | None) -> AnatomyRecord:
-    """Play one more iteration, in one more start that is observed from inside; it does not count.
+    """Play one more iteration, in a start that is observed from inside; it does not count.
 
-    Whatever fails is a part of the record.
+    A failure becomes a part of the record.
 
     Raises:
         InterruptedRunError: a signal interrupted the run.

@@ -1,7 +1,7 @@
-"""What is measured: the peak search, the rates to be sustained, the iterations.
+"""The measurement: the peak search, the rates to be sustained, the iterations.
 
-The search and the probes of sustained rates are made in the first start. The iterations, those at
-the peak among them, are spread over all starts (`r2bspec.plan.plan`); those of one start are a unit
+The search and the probes of sustained rates are made in the first start. The iterations, including
+those at the peak, are spread over all starts (`r2bspec.plan.plan`); those of one start are a unit
 of the experiment (`r2bspec.execute.experiment`).
 
 All rates are played in each iteration, so that a slow drift of the machine affects them equally.
@@ -61,7 +61,7 @@ class Iterations(NamedTuple):
 
 @dataclass
 class Batch:
-    """What was measured first, or again to confirm a failure.
+    """The segments that were measured first, or again to confirm a failure.
 
     Attributes:
         prober: probes rates in the first start of the batch.
@@ -135,7 +135,7 @@ class Measurement(Experiment[Iterations]):
         self._starts.find_foreign_publishers()
 
     def begin_confirmation(self) -> bool:
-        """See `Experiment`; probes that decided the failure are made here."""
+        """Implement `Experiment`; probes that decided the failure are repeated here."""
         if not self._is_confirmed():
             return False
         failed = self._failed = self.verdict
@@ -218,14 +218,14 @@ class Measurement(Experiment[Iterations]):
 
     @property
     def looks(self) -> InterimLooks | None:
-        """See `Experiment`."""
+        """As in `Experiment`."""
         plays = self.batches[-1].plays
         if not plays or self._confirms_in_one_start:
             return None
         return InterimLooks.with_end(plays, self._plan.starts)
 
     def planned(self) -> Sequence[Iterations]:
-        """Return the iterations of each start; those of the only start, up to each look."""
+        """Return the iterations of each start; with one start, those up to each look."""
         plays, looks, starts = self.batches[-1].plays, self.looks, self._plan.starts
         if not plays:
             return []
@@ -238,7 +238,7 @@ class Measurement(Experiment[Iterations]):
         return [Iterations(part, plays) for part in parts]
 
     def play(self, unit: Iterations) -> None:
-        """Play iterations: in a new start if some were played in the one that runs."""
+        """Play iterations; in a new start if the current start has already played some."""
         batch, is_rerun = self.batches[-1], bool(unit.rerun_of)
         if not is_rerun:
             if batch.starts and self._plan.starts > 1:
@@ -264,14 +264,14 @@ class Measurement(Experiment[Iterations]):
                 )
 
     def complete(self) -> int:
-        """See `Experiment`."""
+        """Return the number of complete iterations."""
         return self.batches[-1].played
 
     def _judge(self) -> Verdict:
         return self._judge_so_far(self._failed)
 
     def has_time(self, *, was_judged: bool) -> bool:
-        """See `Experiment`: between two looks, what was begun is completed."""
+        """Implement `Experiment`: between two looks, all iterations are completed."""
         looks, batch, budget = self.looks, self.batches[-1], self._context.budget
         if not was_judged or looks is None:
             return True
@@ -291,7 +291,7 @@ class Measurement(Experiment[Iterations]):
         return True
 
     def affected(self) -> Iterations | None:
-        """See `Experiment`: one iteration at one rate."""
+        """Return one disturbed iteration at one rate."""
         batch = self.batches[-1]
         if not batch.plays or not (iterations := iterations_to_rerun(self.verdict)):
             return None
@@ -310,9 +310,9 @@ class Measurement(Experiment[Iterations]):
 
 
 def iterations_to_rerun(verdict: Verdict) -> Sequence[DisturbedIteration]:
-    """The affected iterations that were not repeated yet and whose reruns can change the outcome.
+    """Return disturbed iterations, not yet repeated, whose repetition can change the outcome.
 
-    None can where a requirement fails anyway, or where the reruns so far were affected, too.
+    There are none if a requirement fails anyway, or if the repetitions so far were disturbed, too.
     """
     counted = [requirement for requirement in verdict.requirements if requirement.level == "error"]
     futile = sum(bool(iteration.rerun_of) for iteration in verdict.disturbed)

@@ -104,7 +104,7 @@ ProbeFunction = Callable[[float], ProbeOutcome]
 
 @dataclass(frozen=True)
 class LongPlays:
-    """What is played in a search besides short probes.
+    """The parts of a search other than short probes.
 
     Attributes:
         overload: plays a rate that is too high, for some seconds; None if there is none.
@@ -132,7 +132,7 @@ class LongPlays:
     allows: Callable[[], bool] = lambda: True
 
     def needs_probes(self, precision: float) -> bool:
-        """Return whether the capacity alone does not tell the peak to this precision."""
+        """Return True if the capacity alone does not determine the peak to this precision."""
         return self.conditions or self.loss > precision
 
 
@@ -207,9 +207,9 @@ class Overload:
 
     @property
     def tells_after_s(self) -> float:
-        """Seconds of playing that tell whether the graph keeps up with half the precision more.
+        """How long to play, in seconds, to resolve half the requested precision.
 
-        Its capacity is known to half the precision either way after a quarter of them.
+        A quarter of the plays suffices for half the precision in either direction.
         """
         if self.capacity is None:
             return math.inf
@@ -246,10 +246,10 @@ class Overload:
         )
 
     def learn(self, play: CompletionTimes) -> None:
-        """Learn from a play that was to confirm a rate, and refuted it.
+        """Use a play that was meant to confirm a rate, and refuted it.
 
-        Its later half shows the graph when it no longer keeps up. If it is a faster start that the
-        earlier plays have measured, only this half counts from now on.
+        Its second half shows the graph when it no longer keeps up. If the earlier plays have
+        measured the graph during a faster beginning, only this half counts from now on.
         """
         self.shown.append(play)
         later = play.after(play.played_s / 2)
@@ -289,7 +289,7 @@ class Overload:
 
     @property
     def lower_hz(self) -> float | None:
-        """Where the lower end of the bracket should be, to be proven."""
+        """The lower end at which the bracket should be proven."""
         if self.capacity is None:
             return None
         return min(self.capacity.lower_hz, self._bound_hz(self.capacity) / (1 + self.precision))
@@ -347,7 +347,7 @@ class PeakSearch:
         return self._lower.rate_hz if self._lower is not None else None
 
     def run(self) -> SearchRecord:
-        """Search. Both ends of the range are also probed, so that neither is assumed."""
+        """Run the search; both ends of the range are probed, so that neither is assumed."""
         if self._try(self.minimum_hz) is not False and self.maximum_hz > self.minimum_hz:
             self._try(self.maximum_hz)
         if not self._aim() or self.long_plays.needs_probes(self.precision):

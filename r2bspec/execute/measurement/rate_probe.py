@@ -135,7 +135,7 @@ class RateProber:
         return self._play(play, rate_hz)
 
     def long_plays(self, search: SearchPlan, allows: Callable[[], bool]) -> LongPlays:
-        """Return what the search plays besides short probes.
+        """Return the parts of the search other than short probes.
 
         Args:
             search: of the plan.
@@ -329,7 +329,7 @@ class _InterimMonitor:
 
 @dataclass
 class AffectedProbes:
-    """Plays probes, and again what others disturbed.
+    """Plays probes, and repeats those that other programs have disturbed.
 
     Attributes:
         policy: ``gate.interference``; with ``tolerate``, interference explains nothing.
@@ -345,7 +345,7 @@ class AffectedProbes:
     _futile: int = 0
 
     def play(self, probe: Callable[[], ProbeOutcome]) -> ProbeOutcome:
-        """Play a probe, and once more if others disturbed it and that can explain its outcome."""
+        """Play a probe, and repeat it once if a disturbance can explain its outcome."""
         first = self._with_interference(probe())
         segment = self.segment_player.segments[-1]
         if (

@@ -35,7 +35,7 @@ _FILLED_FILE: Final = "filled"
 
 
 class Filled(msgspec.Struct, frozen=True):
-    """What is in the buffers.
+    """The contents of the buffers.
 
     Attributes:
         provenance: of each recording that was read.
@@ -52,7 +52,7 @@ class PartnerLeftError(InterruptedRunError):
 
 @dataclass
 class Partner:
-    """What a side knows of the comparison.
+    """The connection of a side to the comparison.
 
     Attributes:
         connection: to the process of the comparison.
@@ -65,7 +65,7 @@ class Partner:
     makes_buffers: bool
 
     def meet(self, point: str, value: Any = None) -> Any:
-        """Tell the comparison that this side has come to a point, and wait for its answer.
+        """Tell the comparison that this side has reached a point, and wait for its answer.
 
         Raises:
             PartnerLeftError: the comparison goes on without this side.
@@ -80,7 +80,7 @@ class Partner:
         return answer
 
     def take_buffers(self, buffer_dir: Path) -> Filled | None:
-        """Let a side play the buffers that are there already; None if it has to make them.
+        """Return the buffers of the other side for use here; None if this side has to make them.
 
         Args:
             buffer_dir: where the side has its buffers; an empty folder.
@@ -96,7 +96,7 @@ class Partner:
         return msgspec.json.decode((self.buffers / _FILLED_FILE).read_bytes(), type=Filled)
 
     def share_buffers(self, buffer_dir: Path, filled: Filled) -> None:
-        """Give the buffers that this side has made to both.
+        """Offer the buffers that this side has made to both sides.
 
         Raises:
             PartnerLeftError: the other side has failed.
@@ -109,7 +109,7 @@ class Partner:
 
 
 def play_by_turns(plan: Plan, player: SegmentPlayer, partner: Partner) -> None:
-    """Play each rate by turns with the other side, then this side alone if that is asked for.
+    """Play each rate in turns with the other side, then on this side alone if required.
 
     Args:
         plan: of one run of a pair.
@@ -148,7 +148,7 @@ def _play_turns(
 
 
 def usual_step_s(observed: SegmentObservation) -> float:
-    """Return how long three in four steps take at most, for the slowest output, in seconds.
+    """Return the third quartile of the duration of steps, for the slowest output, in seconds.
 
     0 if no output answers steps.
     """

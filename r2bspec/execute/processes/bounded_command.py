@@ -1,4 +1,4 @@
-"""A command of a build or a setup: it ends with all that it has started, and prints so much."""
+"""A command of a build or a setup, with a limit of its output; it ends with all its children."""
 
 from __future__ import annotations
 

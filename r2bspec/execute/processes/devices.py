@@ -1,7 +1,7 @@
-"""GPUs, and the energy of the processors: sampled with CPU and memory, where the machine tells.
+"""GPUs, and the energy of the processors, sampled with CPU and memory if the machine reports them.
 
-NVML tells what an NVIDIA GPU does now, not what it has done. Each level counts for the time since
-the sample before, so that rows are cumulative like processor time:
+NVML reports what an NVIDIA GPU does now, not what it has done. Each level counts for the time since
+the previous sample, so that rows are cumulative like processor time:
 
     busy_s(k) = busy_s(k-1) + utilisation(k) · (t(k) − t(k-1))
 
@@ -64,7 +64,7 @@ class Gpus:
             self.why_not = self.why_not or "NVML knows no GPU"
 
     def grown(self, seconds: float) -> tuple[float, float, float, float, float]:
-        """Return how much busy, encoder and decoder time and energy have grown, and memory in use.
+        """Return the growth of busy, encoder and decoder time and of energy, and the memory in use.
 
         Args:
             seconds: the time since the last call.
@@ -99,9 +99,9 @@ class Gpus:
         return math.nan
 
     def processes(self, seconds: float) -> dict[int, list[float]] | None:
-        """Return the same of the processes on them, without energy, by their ids.
+        """Return the growth of each process on the GPUs, without energy, by process id.
 
-        None if a GPU does not tell its processes, such as a part of one (MIG).
+        None if a GPU does not report its processes, such as a part of a GPU (MIG).
         """
         grown: dict[int, list[float]] = {}
         for number, gpu in enumerate(self._devices):
@@ -226,7 +226,7 @@ class DeviceReader:
 
 
 def describe_devices() -> dict[str, Any]:
-    """Return the names of the GPUs, and why they, or packages, are not measured."""
+    """Return the names of the GPUs, and why GPUs or packages are not measured."""
     gpus = Gpus()
     return {
         "gpus": gpus.names,

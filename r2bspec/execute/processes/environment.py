@@ -79,7 +79,7 @@ def inherited_environment(environ: Mapping[str, str], named: Iterable[str]) -> d
 
 
 class RunEnvironment:
-    """The environments of one run's processes.
+    """The environments of the processes of a run.
 
     Attributes:
         middleware: which one the processes load.
@@ -121,27 +121,27 @@ class RunEnvironment:
         self.segment_bytes = self.middleware.segment_bytes(self.transport)
 
     def is_same_as(self, other: RunEnvironment) -> bool:
-        """Return whether processes get the same variables.
+        """Return True if processes get the same variables.
 
-        What the files that these name say may differ.
+        The content of files that the variables name may differ.
 
         The middleware reads its files when a process initialises ROS, not before.
         """
         return self._common == other._common
 
     def for_harness(self, changes: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
-        """The environment of loader, player and monitor, and of nodes in the same process."""
+        """Return the environment of loader, player and monitor, and of nodes beside them."""
         return self._common | _HARNESS_ALLOCATOR | dict(changes)
 
     def for_node(self, changes: Mapping[str, str]) -> dict[str, str]:
-        """That of a process that runs nodes: what the plan states, and `_MODULE_NAMES`."""
+        """Return the environment of a process with nodes: that of the plan, and `_MODULE_NAMES`."""
         variables = self._common | dict(changes)
         folders = (variables.get("PYTHONPATH"), _MODULE_NAMES)
         return variables | {"PYTHONPATH": os.pathsep.join(filter(None, folders))}
 
 
 def replaced_texts(value: Any, replace: Callable[[str], str]) -> Any:
-    """Return a value of dictionaries and lists, with all texts in it replaced, apart from keys."""
+    """Return a value of dictionaries and lists with every text in it replaced, except keys."""
     if isinstance(value, str):
         return replace(value)
     if isinstance(value, dict):
@@ -152,7 +152,7 @@ def replaced_texts(value: Any, replace: Callable[[str], str]) -> Any:
 
 
 def texts(value: Any) -> Iterator[str]:
-    """Yield all texts in a value of dictionaries and lists, apart from keys."""
+    """Yield all texts in a value of dictionaries and lists, except keys."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, dict):
@@ -164,7 +164,7 @@ def texts(value: Any) -> Iterator[str]:
 
 
 def make_redactor(environ: Mapping[str, str]) -> Callable[[str], str]:
-    """Return a function that replaces, in a text, the values of secret variables."""
+    """Return a function that hides the values of secret variables in a text."""
     secrets = {
         value
         for name, value in environ.items()
@@ -186,7 +186,7 @@ _SHELL_VARIABLES = {"_", "SHLVL", "PWD", "OLDPWD", "BASH_ENV", "ENV", "PS1", "CO
 
 @contextlib.contextmanager
 def applied_environment(changes: Mapping[str, str]) -> Iterator[None]:
-    """Change the environment of this process while the context lasts.
+    """Change the environment of this process for the block.
 
     Programs and packages are looked up, and processes started, in this environment.
 
@@ -223,7 +223,7 @@ def _folders(value: str) -> list[str]:
 
 
 def workspace_environments(texts: Iterable[str]) -> dict[str, str]:
-    """Return the combined changes of several environments, each applied after those before it.
+    """Return the combined changes of several environments, applied in their order.
 
     Raises:
         WorkspaceError: one of them does not exist, or cannot be sourced.
@@ -236,7 +236,7 @@ def workspace_environments(texts: Iterable[str]) -> dict[str, str]:
 
 
 def workspace_environment(text: str) -> dict[str, str]:
-    """Return the changes of an environment.
+    """Return the changes that an environment makes.
 
     Args:
         text: a setup file (``install/setup.bash``), a prefix with a setup file or with programs

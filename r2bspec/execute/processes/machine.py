@@ -1,7 +1,7 @@
-"""The machine of a run: what it is, what is installed on it, and what makes a run impossible on it.
+"""The machine of a run: its hardware and software, and reasons why it cannot run a plan.
 
-A run is refused on a machine that its spec does not accept. Where the disk of the run folder is
-full, nodes fail in ways of their own, and the error has to name the disk instead.
+A run is refused on a machine that its spec does not accept. If the disk of the run folder is full,
+nodes fail in unrelated ways, and the error has to name the disk instead.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 def describe_machine() -> dict[str, Any]:
-    """Processor, memory, kernel and load of this machine, as far as they are known."""
+    """Return processor, memory, kernel and load of this machine, as far as they are known."""
     load_1min, load_5min, _ = os.getloadavg()
     frequency = None
     # Some platforms, and containers without /sys, do not provide the frequency.
@@ -58,7 +58,7 @@ def describe_machine() -> dict[str, Any]:
 
 
 def describe_versions() -> dict[str, str]:
-    """Versions of r2bspec, Python, and the ROS packages that are installed."""
+    """Return the versions of r2bspec, Python, and the installed ROS packages."""
     versions = {"r2bspec": __version__, "python": platform.python_version()}
     middleware = middleware_of(os.environ).distributions
     for name in ("rclpy", *middleware, "numpy", "opencv-python-headless"):
@@ -107,7 +107,7 @@ def _read(path: str | Path) -> str:
 
 
 def check_machine(plan: Plan) -> None:
-    """See that this machine is what a plan requires.
+    """Check that this machine is what a plan requires.
 
     Raises:
         OtherMachineError: it is not.

@@ -1,7 +1,7 @@
-"""What has to be there before processes start: their programs, their middleware, shared memory.
+"""What processes need before they start: programs, middleware, shared memory.
 
-`r2bspec validate` says the same of the transport of a spec; a plan from a file was not validated
-here, and the RMW that is loaded where none is named depends on the installation.
+`r2bspec validate` makes the same checks of the transport of a spec; a plan from a file was not
+validated here, and the RMW that is loaded if none is named depends on the installation.
 
 A segment of shared memory of the full size is taken for each process when it starts. Where that
 fails, the middleware says so in the log of that process and goes on over UDP: with images the graph
@@ -58,12 +58,12 @@ def resolve_argv(plan: ProcessPlan) -> list[str]:
 
 
 def hosts_library(plan: ProcessPlan) -> bool:
-    """Return whether player and monitor run in a process of Python nodes."""
+    """Return True if player and monitor run in a process of Python nodes."""
     return plan.role == "harness" and bool(plan.nodes)
 
 
 def built(make: Callable[[], Path]) -> Path:
-    """Return the file of a program or a library of r2bspec, which is built unless it was.
+    """Return the file of a program or a library of r2bspec, and build it on first use.
 
     Raises:
         NotInstalledError: it cannot be built on this machine (R2B668).
@@ -78,7 +78,7 @@ def built(make: Callable[[], Path]) -> Path:
 
 
 def resolve_command(words: Sequence[str], what: str) -> list[str]:
-    """Resolve any command; `what` names its owner in the error.
+    """Resolve a command; `what` names its owner in the error.
 
     Raises:
         NotInstalledError: a package, executable or program is not on this machine.
@@ -162,7 +162,7 @@ reads about every process of the machine, which takes 20 to 40 ms while a graph 
 
 
 def check_middleware(plan: Plan, environ: Mapping[str, str]) -> None:
-    """See that the transport of a plan can be configured for every process.
+    """Check that the transport of a plan can be configured for every process.
 
     Args:
         plan: says which transport, and what processes have in their own environment.
@@ -178,7 +178,7 @@ def check_middleware(plan: Plan, environ: Mapping[str, str]) -> None:
 
 
 def require_configurable(kind: TransportKind, rmw: str, selected_by: str) -> None:
-    """See that a transport can be configured for an implementation.
+    """Check that a transport can be configured for an RMW implementation.
 
     Raises:
         MiddlewareError: it cannot; the error says what has selected it.
@@ -191,7 +191,7 @@ def require_configurable(kind: TransportKind, rmw: str, selected_by: str) -> Non
 
 @contextlib.contextmanager
 def reserved_domain() -> Iterator[int]:
-    """Reserve a free domain for as long as the context lasts.
+    """Reserve a free domain for the block.
 
     The reservation is a bound port, which the kernel releases when the process exits.
 
@@ -231,9 +231,9 @@ def domain_of_user() -> int:
 
 
 def require_loopback() -> None:
-    """See that a process of this machine reaches another one over 127.0.0.1.
+    """Check that two processes of this machine reach each other over 127.0.0.1.
 
-    Every middleware discovers over it; without it nodes start and never see one another.
+    Every middleware discovers over it; without it nodes start and never discover each other.
 
     Raises:
         NoLoopbackError: nothing can be sent.
@@ -259,7 +259,7 @@ _LIMITS = {
 
 
 def limit_text(number: int) -> str:
-    """Return a limit of this user that processes of a run inherit, in words.
+    """Return in words a limit of this user that processes of a run inherit.
 
     Empty if there is none.
     """
@@ -270,14 +270,14 @@ def limit_text(number: int) -> str:
 
 
 def with_limits(hint: str) -> str:
-    """Add to what helps where a process has failed the limits of this user, which may be why."""
+    """Extend the hint of a failed process by the limits of this user, which may be the cause."""
     limits = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE)
     texts = " and ".join(filter(None, map(limit_text, limits)))
     return f"{hint} A limit may be the cause: {texts}.".strip() if texts else hint
 
 
 def require_address_space() -> None:
-    """See that processes may have the address space that Python with rclpy and NumPy takes.
+    """Check that processes may use the address space that Python with rclpy and NumPy takes.
 
     Raises:
         AddressSpaceError: they may not.
@@ -304,7 +304,7 @@ _NO_THREAD = re.compile(
 
 
 def limit_error(message: str, output: str = "", hint: str = "") -> errors.CertainRunError | None:
-    """Return the error of the limit that a failure is due to; None if none is known to be.
+    """Return the error of the limit that caused a failure; None if no limit is known to.
 
     Args:
         message: what has failed, and how.
@@ -337,9 +337,9 @@ def require_free_shared_memory(
     segment_bytes: int,
     folder: Path = SHARED_MEMORY,
 ) -> None:
-    """See that the processes of a phase find the shared memory that they are told to use.
+    """Check that the processes of a phase have the shared memory that they are configured to use.
 
-    A launch file counts as one process, because how many it starts is not known.
+    A launch file counts as one process, because it is unknown how many it starts.
 
     Args:
         plan: says who runs in the phase.
@@ -384,7 +384,7 @@ def require_free_shared_memory(
 
 
 class SharedMemoryModes:
-    """The segments of a run's processes, of which each is made private soon after it is made."""
+    """The shared memory of a run's processes, made private soon after its creation."""
 
     def __init__(self, pids: Callable[[], Iterable[int]]) -> None:
         self._pids = pids
@@ -393,9 +393,9 @@ class SharedMemoryModes:
         self._next_s = 0.0
 
     def make_private(self) -> None:
-        """Look for new segments, at most once a second.
+        """Look for new segments, at most once a second, and make them private.
 
-        Those of programs that are not of the run stay readable, and are not looked at for ever.
+        Segments of other programs stay readable, and are not examined again.
         """
         if time.monotonic() < self._next_s:
             return

@@ -143,11 +143,11 @@ class _SchedAttr(ctypes.Structure):
 
 
 def shorten_slice(pid: int) -> bool:
-    """Give a process that has just been started `SLICE_NS`: it waits less for a core.
+    """Give a process that has just been started `SLICE_NS`, so that it waits less for a core.
 
-    Since Linux 6.12 a thread that wakes up preempts one with a longer slice if its turn comes
+    Since Linux 6.12 a thread that wakes up preempts a thread with a longer slice if its turn comes
     earlier (EEVDF); otherwise it waits until that slice is over, which shows as late publications
-    and arrivals. The share of the processor that each gets does not change. Threads and descendants
+    and arrivals. The share of the processor of each thread does not change. Threads and descendants
     inherit it. No privilege is needed. Earlier kernels ignore it, and a real-time policy has no
     slices: neither is an error.
 
@@ -252,7 +252,7 @@ class ManagedProcess:
         self._pending = bytearray()
 
     def add_part(self, part: str, connection: socket.socket, *, native: bool) -> ManagedProcess:
-        """Have one more part, with its own control channel."""
+        """Add a part that has its own control channel."""
         process = self.process
         added = ManagedProcess(
             part, part, process, self.log, connection, self._redact, native=native
@@ -272,7 +272,7 @@ class ManagedProcess:
 
     @property
     def session(self) -> ProcessSession:
-        """The session that it opened."""
+        """The id of the session that it opened."""
         return self.process.session
 
     def send(self, message: Any) -> None:
@@ -376,7 +376,7 @@ def describe_exit(status: int) -> str:
 def end_sequentially(
     processes: Sequence[ManagedProcess], on_poll: Callable[[], None], in_turn_s: float
 ) -> list[str]:
-    """End some processes.
+    """End processes one after another.
 
     Args:
         processes: in the order in which to end them.

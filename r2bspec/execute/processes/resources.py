@@ -64,7 +64,7 @@ _FREQUENCY: Final[_Counters] = ((r"^(\d+)$", 1e-3),)
 
 
 class InterferenceReading(NamedTuple):
-    """One reading; see `r2bspec.record.sample_arrays.INTERFERENCE_FIELDS`."""
+    """A reading of host interference; see `r2bspec.record.sample_arrays.INTERFERENCE_FIELDS`."""
 
     busy_s: float
     stolen_s: float
@@ -132,7 +132,7 @@ def _cores_online() -> list[int]:
 
 
 def busy_seconds(times: psutil._ntuples.scputimes) -> float:
-    """CPU time in use: neither idle, nor taken by other virtual machines."""
+    """Return the CPU time in use: neither idle, nor taken by other virtual machines."""
     used = sum(times) - times.idle - getattr(times, "iowait", 0.0) - getattr(times, "steal", 0.0)
     # Guest time is contained in user time already.
     return float(used - getattr(times, "guest", 0.0) - getattr(times, "guest_nice", 0.0))
@@ -170,10 +170,10 @@ def minor_faults(pid: int) -> int:
 
 
 class OrphanFinder:
-    """Finds them; each is attributed to the process of the run that it descends from."""
+    """Finds orphans; each is attributed to the process of the run that it descends from."""
 
     def __init__(self, run_id: str) -> None:
-        """Nothing is read yet; with an empty id, nothing is ever found."""
+        """Remember the run; with an empty id there are no orphans."""
         self._run_id = run_id
         self._belongs: dict[int, bool] = {}
         self._owners: dict[int, int] = {}
@@ -230,7 +230,7 @@ class RunQueueWaits:
     """The cumulative waits of groups of processes. Threads that have ended stay counted."""
 
     def __init__(self, proc: Path = _PROC) -> None:
-        """See whether the kernel counts waits.
+        """Check whether the kernel counts waits.
 
         Args:
             proc: where the process file system is.
@@ -276,7 +276,7 @@ class RunQueueWaits:
 
 
 def family(pid: int) -> list[int]:
-    """Return a process and all that descend from it."""
+    """Return a process and all its descendants."""
     with contextlib.suppress(psutil.Error):
         return [member.pid for member in _with_descendants(psutil.Process(pid))]
     return [pid]
@@ -348,14 +348,14 @@ class ResourceSampler:
         return self._resident.get(pid, 0)
 
     def cores(self, pid: int) -> float | None:
-        """The CPU use, in cores, of a process and its descendants between the last two samples.
+        """Return the CPU use, in cores, of a process tree between the last two samples.
 
         None if it was not sampled twice yet, or has exited.
         """
         return self._cores.get(pid)
 
     def stop(self) -> tuple[Rows, Rows]:
-        """Stop sampling; returns the results of `rows` and `interference`."""
+        """Stop sampling, and return `rows` and `interference`."""
         with self._lock:
             self._stopped = True
             self._lock.notify()
@@ -369,11 +369,11 @@ class ResourceSampler:
         return np.frombuffer(bytes(self._rows), dtype=RESOURCE_DTYPE)
 
     def interference(self) -> Rows:
-        """Return the same of host interference: rows of `sample_arrays.INTERFERENCE_DTYPE`."""
+        """Return the samples of host interference: rows of `sample_arrays.INTERFERENCE_DTYPE`."""
         return np.frombuffer(bytes(self._interference_rows), dtype=INTERFERENCE_DTYPE)
 
     def devices(self) -> Rows:
-        """Return the same of GPUs and processor packages: rows of `sample_arrays.DEVICE_DTYPE`."""
+        """Return the samples of devices: rows of `sample_arrays.DEVICE_DTYPE`."""
         return np.frombuffer(bytes(self._device_rows), dtype=DEVICE_DTYPE)
 
     def _run(self) -> None:

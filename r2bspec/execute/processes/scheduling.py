@@ -1,9 +1,10 @@
-"""How the processes of the graph, and threads of them, are scheduled: tried, set, and read back.
+"""The scheduling of the processes of the graph and their threads: tested, set, and read back.
 
-What the system forbids is found out before anything is started, by trying it on a thread that ends:
-a capability may be there and the control group still refuse. Which limit forbids it is worked out
-only then. Threads and descendants inherit what a process gets before it starts any; threads with a
-name get theirs when the graph is ready and after the warm-up, because they do not exist before.
+What the system forbids is determined before anything is started, by trying it on a short-lived
+thread: a process may have the capability while its control group still refuses. Only then is the
+responsible limit looked up. Threads and descendants inherit the settings that a process gets before
+it starts any; named threads get theirs when the graph is ready and after the warm-up, because they
+do not exist before.
 
 Memory cannot be locked from outside, nor before a program is executed: an object that is preloaded
 does it (``native/join.c``), and what the kernel says of it is read back.
@@ -44,7 +45,7 @@ _NAMES: Final = {number: name for name, number in _POLICIES.items()}
 
 
 def require_permitted(processes: Sequence[ProcessPlan]) -> None:
-    """Try what the processes of a plan ask for, without a process.
+    """Check, on a thread of this process, that the system permits the scheduling of a plan.
 
     Raises:
         RunError: the machine has no such CPU, or does not permit the policy or the niceness; with
@@ -197,7 +198,7 @@ def _locked_bytes_of(pid: int) -> int:
 
 
 def apply_when_ready(plan: ProcessPlan, pid: int, *, final: bool) -> AppliedSettings:
-    """Return what can be done when the process runs, and what the kernel then says of all settings.
+    """Apply the settings that need a running process; return all as the kernel has them.
 
     Args:
         plan: of the process.
@@ -216,7 +217,7 @@ def apply_when_ready(plan: ProcessPlan, pid: int, *, final: bool) -> AppliedSett
 def schedule_threads(
     plan: ProcessPlan, pid: int, *, final: bool = True
 ) -> tuple[ThreadSchedulingRecord, ...]:
-    """Schedule the threads with a name, of a process and its descendants; what all then have.
+    """Schedule the named threads of a process and its descendants, and return their settings.
 
     Args:
         plan: of the process.
@@ -248,7 +249,7 @@ def schedule_threads(
 
 
 def read_scheduling(pid: int) -> tuple[ThreadSchedulingRecord, ...]:
-    """What the kernel says of the threads of a process and its descendants, those alike as one."""
+    """Return the scheduling of the threads of a process and its descendants; equal threads once."""
     found: Counter[ThreadSchedulingRecord] = Counter()
     for task, name in _threads(pid):
         with contextlib.suppress(OSError):
@@ -289,7 +290,7 @@ _MOST_PASSES: Final = 5
 
 @contextlib.contextmanager
 def on_core(core: int | None, pids: Sequence[int]) -> Iterator[None]:
-    """Let processes run on one core for a time.
+    """Restrict processes to one core for the block.
 
     Threads whose CPUs or policy were set, by the spec or by their program, are left as they are,
     and so are those that this user may not move.

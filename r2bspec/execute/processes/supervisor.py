@@ -124,9 +124,9 @@ class ProcessSupervisor:
         """Start a process in its own session, with its output in `log`.
 
         It has a control channel, and one more for each of its `parts`, unless it is not part of
-        r2bspec; those of `native` parts, and of a native process (an empty name), have messages as
-        `NativeCodec` writes them. By its `umask`, other users cannot read the shared memory of
-        its middleware.
+        r2bspec. On channels of `native` parts, and of a native process (an empty name), messages
+        are as `NativeCodec` writes them. Its `umask` keeps the shared memory of its middleware
+        private.
 
         Raises:
             NotInstalledError: the program does not exist, or may not be executed.
@@ -302,7 +302,7 @@ class ProcessSupervisor:
     def ask_observer(
         self, command: Any, kind: type[_Answer], timeout_s: float = REPLY_TIMEOUT_S
     ) -> _Answer:
-        """As `request`, of a process that can say what discovery shows: observer or loader."""
+        """Send a command to a process that reports what discovery shows: observer or loader."""
         observer = next(child for child in self if child.role in {"observer", "loader"})
         return self.request(observer, command, kind, timeout_s)
 
@@ -343,7 +343,7 @@ class ProcessSupervisor:
                 self.pump()
 
     def waiting(self, what: str) -> contextlib.AbstractContextManager[None]:
-        """Return the time of the block is a wait of the controller; see `PhaseClock.waiting`."""
+        """Count the time of the block as a wait of the controller; see `PhaseClock.waiting`."""
         return self._clock.waiting(what)
 
     def end(self, children: Iterable[ManagedProcess]) -> None:
@@ -356,7 +356,7 @@ class ProcessSupervisor:
             self._forget(child)
 
     def close(self) -> list[str]:
-        """End all processes and clean up. Returns the names of processes that had to be killed."""
+        """End all processes, clean up, and return the names of processes that had to be killed."""
         self.end(list(self._running.values()))
         sessions = [child.session for child in self._all]
         self._killed += clean_up(
@@ -382,7 +382,7 @@ class ProcessSupervisor:
         return self._logs.truncated
 
     def pids(self) -> frozenset[int]:
-        """Return the processes of the run: those that were started, and all others that run now."""
+        """Return the started processes of the run, and their running descendants."""
         started = {child.pid for child in self._all}
         living = run_processes(self._run_id, [child.session for child in self._all])
         return frozenset(started | {process.pid for process in living})

@@ -77,7 +77,7 @@ class HarnessOverhead:
     schedule: Schedule
 
     def measure(self) -> tuple[HarnessOverheadRecord, ...]:
-        """Measure it; takes at most `DURATION_S`, and longer below 11 Hz.
+        """Measure the overhead; takes at most `DURATION_S`, and longer below 11 Hz.
 
         If other programs disturbed it, it is measured once more, and the quieter measurement
         counts.
@@ -186,7 +186,7 @@ class HarnessOverhead:
 
 
 def can_be_measured(inputs: tuple[InputPlan, ...]) -> bool:
-    """Return whether no message that is played meanwhile is kept for subscriptions of the graph."""
+    """Return True if no message of the measurement is kept for subscriptions of the graph."""
     return not any(input_.qos.durability == "transient_local" for input_ in inputs)
 
 
@@ -202,7 +202,7 @@ def _quietest(
 
 
 def overhead_rate_hz(plan: Plan) -> float:
-    """Return the rate at which the overhead of a plan is measured: the lowest of its results."""
+    """Return the rate at which the overhead of a plan is measured: the lowest of its rates."""
     rates = [*(play.rate_hz for play in plan.play), *plan.sustained_hz]
     rates += [plan.search.min_hz] if plan.search and not rates else []
     return min(rates, default=_DEFAULT_HZ)
@@ -243,7 +243,7 @@ def _quantile(values_ns: Rows, q: float) -> int | None:
 
 
 def overhead_steps(usual: int) -> int:
-    """Return how many steps are played.
+    """Return the number of steps to play.
 
     Args:
         usual: how many a second has, or as much of one as the recording.

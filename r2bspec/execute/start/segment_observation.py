@@ -1,9 +1,9 @@
-"""What is known of a segment while it is played, and when it is over.
+"""The samples of a segment while it is played, and when the segment is over.
 
-`SegmentObservation` has all samples at the moment they were read. `ProgressView` works out what a
-user interface asks for when it is asked, from the latest rows: a run without one pays nothing for
-it, and a long one no more than a short one. An output has stopped if a pause at the end is much
-longer than all before it.
+`SegmentObservation` has all samples at the moment they were read. `ProgressView` computes the
+values of a user interface on request, from the latest rows: a run without one has no cost, and a
+long run no more than a short run. An output has stopped if a pause at the end is much longer than
+all pauses before it.
 
 An answer that has not arrived counts as lost after the drain. What comes after the last answer may
 be late: it is waited for until nothing has arrived for the whole `drain_timeout`. A gap before an
@@ -71,7 +71,7 @@ _PAUSE_FACTOR = 2.0
 
 
 class SegmentObservation:
-    """The samples of one segment, all there is at the moment they were read."""
+    """All samples of a segment at the moment they were read."""
 
     def __init__(
         self, plan: Plan, playback: Rows, monitors: dict[str, Rows], played_before: int = 0
@@ -84,7 +84,7 @@ class SegmentObservation:
         self._matched: dict[str, MatchedMonitor] = {}
 
     def matched(self, name: str) -> MatchedMonitor:
-        """Return the steps that count for a monitor, and how its messages answer them."""
+        """Return the steps that count for a monitor, and their matching with its messages."""
         if name not in self._matched:
             monitor = next(
                 monitor_plan for monitor_plan in self._plan.monitors if monitor_plan.name == name
@@ -99,7 +99,7 @@ class SegmentObservation:
         return self._matched[name]
 
     def samples(self, segment: Segment) -> SegmentSamples:
-        """Return the samples as metrics need them, without hops, processes and the host."""
+        """Return the samples in the form of metrics, without hops, processes and the host."""
         return SegmentSamples(
             segment=segment,
             playback=playback_samples(self.playback),
@@ -112,14 +112,14 @@ class SegmentObservation:
         )
 
     def all_matched(self) -> dict[str, MatchedMonitor]:
-        """Return the same of every monitor."""
+        """Return the steps and their matching for every monitor."""
         return {name: self.matched(name) for name in self.monitors}
 
 
 def outstanding_answers(matched: Iterable[MatchedMonitor]) -> Outstanding:
     """Return which answers are missing, over several monitors.
 
-    As many messages as steps do not suffice: where some are answered twice, others still wait.
+    The number of messages does not tell: if some steps are answered twice, others still wait.
     """
     outstanding: Outstanding = "nothing"
     for answer in matched:
@@ -143,7 +143,7 @@ def _contains_last_step(matched: MatchedMonitor) -> bool:
 
 
 def last_answer_s(matched: Iterable[MatchedMonitor]) -> float:
-    """When the last answer of several monitors came, on the monotonic clock; 0 without any."""
+    """Return when several monitors got their last answer (monotonic); 0 without any."""
     return max(
         (
             float(arrivals(each.rows, each.matching)[-1]) / 1e9
@@ -155,16 +155,17 @@ def last_answer_s(matched: Iterable[MatchedMonitor]) -> float:
 
 
 def goes_on(matched: MatchedMonitor) -> bool:
-    """Return whether messages that answer nothing have come after the last answer of a monitor."""
+    """Return True if messages that answer nothing have come after the last answer of a monitor."""
     last_ns = last_answer_s([matched]) * 1e9
     return int(np.count_nonzero(matched.rows["received_ns"] > last_ns)) >= _MIN_GOING_ON
 
 
 class UnaskedOutputs:
-    """Monitors that receive what nothing asked for, over the segments of a start.
+    """Monitors that receive messages which no step causes, over the segments of a start.
 
-    By stamp, if messages come and none has ever had the stamp of a step; by order, if more come
-    than all steps ask for. Of these, no answer is waited for as if it were late.
+    With matching by stamp: messages come, and none has ever had the stamp of a step. With matching
+    by order: more messages come than all steps cause. No late answer of such a monitor is waited
+    for.
 
     Args:
         was_played: which of some stamps are those of steps of earlier segments.
@@ -180,7 +181,7 @@ class UnaskedOutputs:
         self._unasked[name] = self._count(name, matched)
 
     def are_all(self, name: str, matched: MatchedMonitor) -> bool:
-        """Return whether the monitor is one of them, with what it has received in this segment."""
+        """Return True if the messages of a monitor, including this segment's, are all unasked."""
         least = _MIN_UNASKED["order" if matched.matching.by_order else "stamp"]
         return self._count(name, matched) >= least and name not in self._answering
 
@@ -195,7 +196,7 @@ class UnaskedOutputs:
 
 
 def watch_s(rows: Rows) -> float:
-    """How long is watched for messages that nothing asks for: some periods of those received."""
+    """Return how long to watch for unasked messages: some periods of those received."""
     if rows.size < _MIN_WATCHED:
         return _MIN_DRAIN_QUIET_S
     period_s = float(np.median(np.diff(np.sort(rows["received_ns"])))) / 1e9
@@ -212,7 +213,7 @@ class DrainTimer:
     """
 
     def __init__(self, timeout_s: float, now_s: float) -> None:
-        """Begin to wait after the last input; `timeout_s` is the `drain_timeout`."""
+        """Start to wait after the last input; `timeout_s` is the `drain_timeout`."""
         self.outstanding: Outstanding | None = None
         self._timeout_s = timeout_s
         self._ends_at_s = now_s + max(_MAX_DRAIN_S, timeout_s)
@@ -222,7 +223,7 @@ class DrainTimer:
         self._goes_on = False
 
     def arrived(self, now_s: float) -> None:
-        """Something has arrived."""
+        """Note that something has arrived."""
         if self._arrivals:
             self._longest_pause_s = max(self._longest_pause_s, now_s - self._last_arrival_s)
         self._arrivals += 1
@@ -230,13 +231,13 @@ class DrainTimer:
         self.outstanding = None
 
     def wants_a_look(self, now_s: float) -> bool:
-        """Return whether it is time to find out what is `outstanding`, which is costly."""
+        """Return True if it is time to determine what is `outstanding`, which is costly."""
         return self.outstanding is None and now_s - self._looked_s > _MIN_DRAIN_QUIET_S
 
     def looked(
         self, now_s: float, outstanding: Outstanding, last_answer_s: float, *, goes_on: bool = False
     ) -> None:
-        """What is missing was looked at, and when the last answer came.
+        """Note how many answers are missing, and when the last answer came.
 
         `goes_on`: whether messages that answer nothing have come after it.
         """
@@ -244,7 +245,7 @@ class DrainTimer:
         self._looked_s, self.outstanding, self._goes_on = now_s, outstanding, goes_on
 
     def is_over(self, now_s: float) -> bool:
-        """Return whether what is still missing counts as lost; never before it was looked at."""
+        """Return True if missing answers count as lost; never before the first look."""
         if self.outstanding is None:
             return now_s > self._ends_at_s
         limit_s = self._timeout_s
@@ -255,7 +256,7 @@ class DrainTimer:
 
 
 class ProgressView:
-    """One segment, as far as it has been played.
+    """The progress of a segment.
 
     Args:
         playback: what the player writes.
@@ -283,13 +284,13 @@ class ProgressView:
         return self._playback.count()
 
     def received(self) -> int:
-        """Return how many messages have come: the least over all monitors."""
+        """Return how many messages have arrived: the minimum over all monitors."""
         return min((rows.count() for _, rows in self._monitors), default=0)
 
     def p99_ns(self) -> int | None:
         """Return the p99 of the latest latencies, the largest of all monitors.
 
-        A message that is still under way is not in it, nor one that was lost.
+        Messages that are lost or still on their way are not in it.
         """
         # Monitors first: a step that is in the monitors' rows must be in the player's.
         received = [(by_stamp, *rows.latest()) for by_stamp, rows in self._monitors]
@@ -301,7 +302,7 @@ class ProgressView:
         return max((int(value) for value in values if value is not None), default=None)
 
     def cores(self) -> Mapping[str, float]:
-        """Processor time per time of each process lately; 1 is one core."""
+        """Return the recent CPU use of each process, in cores."""
         return self._use()
 
 
@@ -345,7 +346,7 @@ def _latencies_ns(
 
 
 def output_stopped(playback: Rows, rows: Rows, matching: Matching) -> bool:
-    """Return whether the output stopped while messages were still expected.
+    """Return True if the output stopped while messages were still expected.
 
     Args:
         playback: rows of type `PLAYBACK_DTYPE` of a segment.

@@ -72,7 +72,7 @@ StopCondition = Callable[["SegmentObservation", float], bool]
 
 @dataclass(frozen=True)
 class SegmentHeading:
-    """What a segment is and how it is called; the names are those of `Segment`.
+    """The kind and the names of a segment, as in `Segment`.
 
     `title` is for the progress shown; `rerun_of` is the id of the segment in whose place it is
     played.
@@ -86,7 +86,7 @@ class SegmentHeading:
 
 
 def titled(rate_hz: float, text: str) -> str:
-    """Return the title of a segment; a rate of 0, which is that of the recording, is not named."""
+    """Return the title of a segment; a rate of 0, which is that of the recording, is left out."""
     return f"{rate_hz:g} Hz, {text}" if rate_hz else text
 
 
@@ -163,7 +163,7 @@ class SegmentPlayer:
         stop_condition: StopCondition | None = None,
         turns: Turns | None = None,
     ) -> SegmentObservation:
-        """Play a segment and record it; one that ends with an exception is kept as incomplete.
+        """Play a segment and record it; as incomplete if it ends with an exception.
 
         In a confirmation run, all measured segments have the kind `confirmation`.
 
@@ -253,7 +253,7 @@ class SegmentPlayer:
         self._supervisor.request(self._player, command, protocol.Played, timeout_s)
 
     def play_unrecorded_for(self, title: str, rate_hz: float, duration_ns: int) -> None:
-        """Play for a time messages that belong to no segment; see `play_unrecorded`."""
+        """Play messages that belong to no segment for a time; see `play_unrecorded`."""
         steps = max(1, self.schedule.steps_within(rate_hz, duration_ns))
         self._context.progress.segment(title, steps)
         self.play_unrecorded(rate_hz, steps)
@@ -557,7 +557,7 @@ class LiveSegmentWatcher(SegmentPlayer):
     def play_for(
         self, heading: SegmentHeading, rate_hz: float, duration_ns: int, min_steps: int = 2
     ) -> SegmentObservation:
-        """Record a segment of this duration; the rate and the minimum of steps have no effect.
+        """Record a segment of this duration; rate and minimum number of steps have no effect.
 
         Raises:
             RunError: a process exited or failed.

@@ -1,8 +1,9 @@
 """Why an output has no messages: the path to it is traced, and the first fault on it named.
 
-In the warm-up this ends the run, as soon as waiting longer is of no use. In a measurement it goes
-on, and the record says which output has stopped, and why. Where what is played does not even arrive
-at the subscription that traces it, it was not the graph that stopped: the run is over, and invalid.
+In the warm-up this ends the run, as soon as it is useless to wait longer. In a measurement the run
+continues, and the record says which output has stopped, and why. If the played messages do not even
+arrive at the subscription that traces them, it was not the graph that stopped: the run ends, and is
+invalid.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class SilentOutputs:
     _late: dict[str, int] = field(default_factory=dict)
 
     def explain_start(self, silent: Collection[str], *, final: bool) -> None:
-        """Find out why monitors have received nothing since the start, and say it.
+        """Determine why monitors have received nothing since the start, and report it.
 
         Before the end of the start, a node without output may still load a model. Only endpoints
         that never match are certain.
@@ -132,7 +133,7 @@ class SilentOutputs:
         )
 
     def explain_stop(self, segment: Segment, plan: MonitorPlan) -> None:
-        """Find out, once, why an output has stopped in a segment, and record it.
+        """Determine, once, why an output has stopped in a segment, and record it.
 
         Raises:
             DeadInputError: what is played arrives nowhere any more.

@@ -89,7 +89,7 @@ _DIAGNOSED_ATTEMPT = 3
 
 
 class Start:
-    """One start.
+    """A start of all processes.
 
     Attributes:
         number: among the starts of the run, from 1.
@@ -165,7 +165,7 @@ class Start:
         return tuple(self._silent_outputs.records) if self._silent_outputs else ()
 
     def foreign_publishers(self) -> tuple[str, ...]:
-        """Publishers on what is played and watched that are no process's of the run, in words.
+        """Return in words the publishers on played and recorded topics that are not of this run.
 
         Raises:
             RunError: the observer does not answer.
@@ -176,7 +176,7 @@ class Start:
         return foreign_publishers(self._supervisor)
 
     def look_at_loaded_files(self) -> None:
-        """Take down which files the processes of the graph have loaded until now.
+        """Record the files that the processes of the graph have loaded so far.
 
         Raises:
             RunError: a process has exited.
@@ -607,7 +607,7 @@ class StartSequence:
     foreign: tuple[str, ...] = ()
 
     def begin(self, *, confirms: bool = False) -> SegmentPlayer:
-        """End the start that runs, if there is one, and start all processes afresh.
+        """End the current start, if there is one, and start all processes afresh.
 
         Args:
             confirms: whether it is part of the confirmation run.
@@ -637,7 +637,7 @@ class StartSequence:
         return segment_player
 
     def begin_uncounted(self, plan: Plan) -> SegmentPlayer:
-        """End the start that runs, and start the processes of a changed plan; it has no record.
+        """End the current start, and start the processes of a changed plan; it is not recorded.
 
         Raises:
             RunError: a process of the old start has exited, or the new one fails; likewise where
@@ -668,7 +668,7 @@ class StartSequence:
         return start
 
     def find_foreign_publishers(self) -> bool:
-        """Ask who has published on what is played and watched; whether others have, ever."""
+        """Look for foreign publishers, and return True if there have ever been any."""
         before = self.foreign
         publishers = self.starts[-1].foreign_publishers() if self.starts else ()
         self.foreign = tuple(dict.fromkeys((*before, *publishers)))
@@ -677,7 +677,7 @@ class StartSequence:
         return bool(self.foreign)
 
     def name_start(self, error: errors.RunError) -> None:
-        """Say in an error in which start it occurred, unless it is the first one."""
+        """Add to an error the start in which it occurred, unless it is the first."""
         if len(self.starts) < 2 or isinstance(error, errors.InterruptedRunError):
             return
         confirms = ", which confirms a failure" if self.starts[-1].confirms else ""

@@ -81,7 +81,7 @@ class NodeAnatomy:
 
     @property
     def load(self) -> float:
-        """The mean of its loads."""
+        """The mean of the loads."""
         return float(np.mean(self.loads)) if self.loads.size else 0.0
 
 
@@ -115,11 +115,11 @@ class Anatomy:
         """The values of each metric that has some, in seconds or as shares, by its name.
 
         ``NODE.callback``, ``NODE.wait``, ``NODE.take``, ``NODE.dispatch`` and ``NODE.publish`` have
-        one for each event, ``TOPIC.transport`` one for each message, ``MONITOR.path`` the latency
-        of each message of the monitor on the path that it followed, ``NODE.load`` one for each of
-        `WINDOWS` parts of the iteration, ``NODE.overtaken`` the share of the messages sent to the
-        node that it never took, and ``path.NODE.share`` (or a topic's) one for each message of
-        every monitor: which share of its latency it spent there, on the path that it followed.
+        a value for each event, ``TOPIC.transport`` for each message, ``MONITOR.path`` the latency
+        of each message of the monitor on the path that it followed, ``NODE.load`` a value for each
+        of `WINDOWS` parts of the iteration, ``NODE.overtaken`` the share of the messages sent to
+        the node that it never took, and ``path.NODE.share`` (or a topic's), for each message of
+        every monitor, the share of its latency that it spent there, on the path that it followed.
         """
         found: dict[str, Seconds] = {}
         for name, node in self.nodes.items():

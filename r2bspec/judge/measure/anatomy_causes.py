@@ -1,6 +1,6 @@
-"""What caused each message that a graph sent, in its events.
+"""What caused each message that a graph sent, determined from events.
 
-The causes of a send, be it a publication, a request or a response, are
+The causes of a send, whether publication, request or response, are
 
 * of a response, the request that it answers; of the result of an action, the request that brought
   its goal, because the goal is executed whether or not the result has been asked for;
@@ -26,7 +26,7 @@ from r2bspec.record.run_record import AnatomyKind
 
 @dataclass(frozen=True)
 class Causes:
-    """The causes of sends, each a pair of rows, by ascending send.
+    """The causes of sends as pairs of rows, by ascending send.
 
     Attributes:
         send: the rows of the sends.
@@ -45,7 +45,7 @@ class Causes:
 
 
 def find_causes(events: Events) -> Causes:
-    """Return the causes of all sends but those of the harness."""
+    """Return the causes of all sends except those of the harness."""
     harness = events.names.is_harness[events.object]
     sends = np.flatnonzero(events.is_send & ~harness)
     takes = np.flatnonzero(events.is_take & ~harness)

@@ -2,8 +2,8 @@
 
 A *send* is a publication, a request, a response, or the storing of a message in a buffer within a
 process; a *take* is the other end of it. Both have the same stamp of the middleware (requests: the
-same number; buffers: the same place), and a take belongs to the newest send before its end that
-does. A *start* is a take or the call of a timer: what a callback begins with.
+same number; buffers: the same place), and a take belongs to the newest send with that stamp before
+its end. A *start* is a take or the call of a timer: what a callback begins with.
 
 The callback of a start is, by what its thread runs,
 
@@ -65,7 +65,7 @@ _MAY_LACK_OBJECT = (AnatomyKind.WAIT, AnatomyKind.TRIGGER, AnatomyKind.CALLBACK)
 
 
 class Names:
-    """What rows belong to, by the names of the spec.
+    """The names in the spec to which rows belong.
 
     Attributes:
         nodes: the names of nodes, by number: the key in the spec where a node has one.
@@ -129,7 +129,7 @@ class Names:
 
 @dataclass(frozen=True)
 class Events:
-    """Events, by thread and in it by the time at which they began.
+    """Events by thread, and within a thread by the time at which they began.
 
     Every array has a value for each row.
 
@@ -191,7 +191,7 @@ class Events:
 
     @cached_property
     def end(self) -> Ints:
-        """A number for node and topic (or service, and which way), the same for the same ones."""
+        """A number for node and topic (or service and direction); equal for equal pairs."""
         way = np.isin(self.kind, (AnatomyKind.SEND_RESPONSE, AnatomyKind.TAKE_RESPONSE))
         return (self.node * len(self.names.topics) + self.topic) * 2 + way
 
@@ -428,7 +428,7 @@ def _believed(times: Ints, low: Ints, high: Ints) -> Ints:
 
 
 def grouped(values: Ints, rows: Ints) -> dict[int, Ints]:
-    """Rows by their value, in their order; `values` has one for each of them."""
+    """Return the rows of each value, in their order; `values` has an entry for each row."""
     order = np.argsort(values, kind="stable")
     values, rows = values[order], rows[order]
     begins = np.flatnonzero(np.append(True, values[1:] != values[:-1])[: values.size])
@@ -438,7 +438,7 @@ def grouped(values: Ints, rows: Ints) -> dict[int, Ints]:
 def newest_before(
     keys: tuple[Ints, ...], times: Ints, asked_keys: tuple[Ints, ...], asked_times: Ints
 ) -> Ints:
-    """For each question the place of the newest entry with the same keys that is not later.
+    """Return for each question the place of the newest entry, not later, with the same keys.
 
     Args:
         keys: of the entries, in one or several arrays.

@@ -1,4 +1,4 @@
-"""The paths of messages from inputs to monitors, and the parts of the time that each message took.
+"""The paths of messages from inputs to monitors, and how long each part of a path took.
 
 A path leads from a publication of the player to a message of a monitor, hop by hop: a send, its
 take, the send that it caused. A node with several inputs has a path for each of them. The times of
@@ -82,7 +82,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Path:
-    """A path to a monitor, with what each message took on it.
+    """A path to a monitor, with the times of each message on it.
 
     Attributes:
         monitor: its name.
@@ -161,7 +161,7 @@ class PathSearch:
         self._harness = events.names.is_harness[events.object]
 
     def paths_to(self, monitor: str, takes: Ints) -> tuple[Path, ...]:
-        """Return the paths to a monitor, those first that most of its messages followed.
+        """Return the paths to a monitor, the most frequent first.
 
         Args:
             monitor: its name.

@@ -1,7 +1,7 @@
-"""What reports show of an anatomy: each path by its parts, and each node, in few numbers.
+"""A few numbers of an anatomy for reports: each path by its parts, and each node.
 
-Of each rate one iteration is shown, the last one that was observed from inside: a table or a
-drawing is of messages that belong together.
+For each rate an iteration is shown, the last that was observed from inside: a table or a drawing is
+of messages that belong together.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class PathSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class NodeSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """What a node did; times are seconds.
+    """The activity of a node; times are seconds.
 
     Attributes:
         name: as in the spec.
@@ -123,7 +123,7 @@ class AnatomySummary(msgspec.Struct, frozen=True, kw_only=True):
 def summarised(
     found: Anatomy, segment: Segment, record: AnatomyRecord, plan: Plan
 ) -> AnatomySummary:
-    """Return the anatomy of a segment in few numbers."""
+    """Return a summary of the anatomy of a segment."""
     paths = [path for paths in found.paths.values() for path in paths]
     on_paths = dict.fromkeys(owner for path in paths for owner in path.hops)
     names = [*(name for name in on_paths if name in found.nodes)]

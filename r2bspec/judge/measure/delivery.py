@@ -1,8 +1,8 @@
-"""What a graph delivers while a rate is being probed: the rate of its outputs, and its error.
+"""The delivery of a graph while a rate is probed: the rate of its outputs, and its error.
 
 A probe decides whether a graph keeps up and whether it loses messages. The first is decided by a
 rate and its standard error, the second by a share; they are kept apart, because a bounded queue
-turns the one into the other as soon as it is full.
+turns a backlog into losses as soon as it is full.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class DeliveryEstimate:
     def backlog_growth_hz(self) -> float:
         """Steps per second by which the queue inside the graph grows: published - completed.
 
-        Its standard error is `completed_error_hz`, because the player's own is negligible. Losses
+        Its standard error is `completed_error_hz`, because that of the player is negligible. Losses
         do not count here: a graph that drops every tenth message at once has no backlog.
         """
         return self.player_hz - self.completed_hz
@@ -80,7 +80,7 @@ class DeliveryEstimate:
 def delivery(
     offered_hz: float, playback: Rows, monitor: Rows, match: Matching, now_ns: int
 ) -> DeliveryEstimate:
-    """Estimate what a graph delivers, from what one monitor received so far.
+    """Estimate what a graph delivers, from what a monitor received so far.
 
     Let t_i be when the i-th first output was received, s_i its step, and r the expected outputs per
     step, usually 1. The rates are the reciprocal slopes of two least-squares lines:

@@ -37,7 +37,7 @@ _PERCENTILE = re.compile(r"p(\d{1,2})(?:_(\d{1,4}))?")
 def quantile(part: str) -> float | None:
     """Return the fraction of a percentile's name: ``p99`` is 0.99, ``p99_9`` is 0.999.
 
-    None if `part` is no percentile; p0 and p00 are none, because they are the minimum.
+    None if `part` is no percentile; p0 and p00 are not, because they are the minimum.
     """
     percentile = _PERCENTILE.fullmatch(part)
     if percentile is None or int(percentile[1]) == 0:

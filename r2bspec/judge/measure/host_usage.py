@@ -1,6 +1,6 @@
-"""What was used of the machine during an interval: by the processes of the run, and by others.
+"""The use of the machine in an interval: by the processes of the run, and by others.
 
-Processor time and memory of a process are its resource usage; what else happened on the machine is
+Processor time and memory of a process are its resource usage; the activity of other programs is
 host interference.
 """
 
@@ -58,7 +58,7 @@ MIN_SPACING_NS = 100_000_000
 def spaced_indices(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the indices of ascending times at least `MIN_SPACING_NS` apart.
 
-    The last one is kept.
+    The last time is kept.
     """
     kept: list[int] = []
     index, last = 0, times_ns.size - 1
@@ -74,7 +74,7 @@ def spaced_indices(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 class ProcessSamples:
-    """What was sampled of each process of a run, and of the machine.
+    """The samples of each process of a run, and of the machine.
 
     Args:
         resources: rows of type `RESOURCE_DTYPE`, in any order.
@@ -95,19 +95,19 @@ class ProcessSamples:
         return np.empty(0, RESOURCE_DTYPE) if place is None else self._rows[place]
 
     def count_windows(self, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]) -> int:
-        """Return how many uses `used` calculates in all windows together, at most."""
+        """Return an upper limit of how many uses `used` calculates in all windows together."""
         begun_before_end = np.searchsorted(np.sort(began_ns), self._last_ns)
         ended_before_begin = np.searchsorted(np.sort(ended_ns), self._first_ns, side="right")
         return int(np.maximum(begun_before_end - ended_before_begin, 0).sum())
 
     def used(self, began_ns: int, ended_ns: int) -> dict[int, ResourceUse]:
-        """Return what each process used between two times; see `used_in`."""
+        """Return the use of each process between two times; see `used_in`."""
         return self.used_in(np.array([began_ns]), np.array([ended_ns]))[0]
 
     def used_in(
         self, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
     ) -> list[dict[int, ResourceUse]]:
-        """Return what each process used in each of some windows, by its index, ascending.
+        """Return the use of each process in each of some windows, by ascending index.
 
         With C(t) the processor time used up to t, interpolated linearly between samples,
 
@@ -138,11 +138,11 @@ class ProcessSamples:
     def used_together(
         self, indices: Sequence[int], began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
     ) -> list[ResourceUse | None]:
-        """Return what several processes used in each of some windows, as if they were one.
+        """Return the use of several processes in each of some windows, as if they were one process.
 
-        Times of sampling differ by little from process to process: at those of the one that was
-        sampled most often, the values of the others are interpolated. So the maxima are those of
-        sums, which the sums of maxima are not.
+        Times of sampling differ a little between processes: the values of the others are
+        interpolated at the times of the process with the most samples. So the maxima are maxima of
+        sums, which sums of maxima are not.
 
         Returns:
             None where nothing was sampled of any of them.
@@ -186,7 +186,7 @@ def _summed(found: Sequence[Rows]) -> Rows:
 
 
 def total_use(found: Sequence[ResourceUse]) -> ResourceUse:
-    """Return what several processes, at least one, used together in one window."""
+    """Return the common use of several processes, at least one, in a window."""
     if len(found) == 1:
         return found[0]
     # The busiest moments need not coincide: their sum is an upper bound.
@@ -335,7 +335,7 @@ def pool_resource_use(samples: Iterable[ResourceUse | None]) -> ResourceUse | No
 
 @dataclass(frozen=True)
 class DeviceUse:
-    """What GPUs and processor packages did in a window, by the counters of `DEVICE_FIELDS`.
+    """The use of GPUs and processor packages in a window, by the counters of `DEVICE_FIELDS`.
 
     Attributes:
         mean: the growth of a counter per time.
@@ -359,9 +359,9 @@ _COUNTED: Final = np.dtype(
 def device_use(
     rows: Rows, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64], steps: Sequence[int]
 ) -> list[dict[int, DeviceUse]]:
-    """Return what devices did in each of some windows, for the machine and for processes on a GPU.
+    """Return the use of devices in some windows, by the machine and by processes on a GPU.
 
-    What is unknown at one sample of a window is unknown in the window.
+    A value that is unknown at any sample of a window is unknown in the window.
 
     Args:
         rows: of type `DEVICE_DTYPE`.
@@ -392,7 +392,7 @@ def device_use(
 
 
 def pool_device_use(samples: Sequence[DeviceUse]) -> DeviceUse:
-    """Return the means of the means, and the largest of the maxima; what one lacks is unknown."""
+    """Return the means of the means, and the largest maxima; None where any sample has None."""
 
     def pool(name: str, of: Callable[[list[float]], float]) -> dict[str, float]:
         known = [getattr(sample, name) for sample in samples]
@@ -409,7 +409,7 @@ def pool_device_use(samples: Sequence[DeviceUse]) -> DeviceUse:
 
 
 class HostInterference(msgspec.Struct, frozen=True, kw_only=True):
-    """Host interference during one iteration; None is unknown.
+    """Host interference during one iteration; None if unknown.
 
     Attributes:
         seconds: how long the iteration lasted.
@@ -531,8 +531,8 @@ def taken_share(known: HostInterference | None) -> float:
     """Return the largest share of the time that others can have taken from the run.
 
     Its threads could run but did not (`own_waited`), no longer than tasks waited for a processor at
-    all (`pressure`) and others used processors. What was stolen or throttled is added, and where
-    two hardware threads share a core, half of the time in which another program ran beside the run.
+    all (`pressure`) and others used processors. Stolen and throttled time is added, and where two
+    hardware threads share a core, half of the time in which another program ran beside the run.
     """
     if known is None:
         return 0.0
@@ -546,7 +546,7 @@ def taken_share(known: HostInterference | None) -> float:
 
 
 def interference_reasons(one: HostInterference | None) -> tuple[str, ...]:
-    """Return which host interference affected a part of a run, in words; empty for none.
+    """Return in words the host interference that affected a part of a run; empty for none.
 
     On a shared machine other programs take the processor, the hypervisor takes it away (steal), and
     it is throttled because of heat. An iteration is affected if one of these is known of it:

@@ -1,8 +1,8 @@
-"""Matches what a monitor received to the steps of the playback that count for it.
+"""Matches the messages of a monitor to the steps of the playback that count for it.
 
 A monitor expects an output of each step with messages of all its inputs: inputs of a timeline have
-rates of their own, a step has messages of those that were recorded with one stamp, and a monitor of
-the camera expects no output of the steps of the IMU.
+rates of their own, a step has messages of the inputs that were recorded with the same stamp, and a
+monitor of the camera expects no output of the steps of the IMU.
 
 In a live run the graph has its own source, and what that sent is unknown. What arrived is known,
 and when. A message with a header carries the time at which its source stamped it, in the clock of
@@ -68,7 +68,7 @@ class StepRatio:
         return self.outputs / self.inputs
 
     def trigger_steps(self, steps: int) -> NDArray[np.int64]:
-        """Return the step after which each expected output can come: the last one of its group.
+        """Return the step after which each expected output can come: the last of its group.
 
         Steps after the last whole group have no expected output.
         """
@@ -92,7 +92,7 @@ def ratio_of(plan: MonitorPlan, played_before: int) -> StepRatio:
 
 
 class MessageKind(IntEnum):
-    """What a row of the samples is: an expected output, or another received message."""
+    """The kind of a row of the samples: an expected output, or another received message."""
 
     EXPECTED = 0
     """By stamp or by order, the first message that answers."""
@@ -108,9 +108,9 @@ class MessageKind(IntEnum):
 
 @dataclass(frozen=True)
 class Matching:
-    """How the messages of one monitor match the steps of one segment.
+    """How the messages of a monitor match the steps of a segment.
 
-    With e expected outputs (as many as steps, unless the ratio is another) and m messages::
+    With e expected outputs (as many as steps, unless the ratio is not 1) and m messages::
 
         expected = e = answered + missed
         received = m = answered + duplicates + unmatched
@@ -140,8 +140,8 @@ class Matching:
     def pairs_known(self) -> bool:
         """Whether it is known which step each output answers.
 
-        By order it is not as soon as one output is missing, too many, or early: every later one
-        may then answer another step.
+        With matching by order it is unknown as soon as an output is missing, surplus, or early:
+        every later output may then answer another step.
         """
         return not self.by_order or not (self.missed or self.surplus or self.early)
 
@@ -167,7 +167,7 @@ class Matching:
 
     @property
     def surplus(self) -> int:
-        """By order, messages after the last expected output; they are unmatched, too."""
+        """With matching by order, messages after the last expected output; also unmatched."""
         return int(np.count_nonzero(self.kind == MessageKind.SURPLUS))
 
 
@@ -253,9 +253,9 @@ def arrivals(monitor: Rows, match: Matching) -> NDArray[np.int64]:
 
 
 def count_reordered(in_order_of_arrival: NDArray[np.int64]) -> int:
-    """Return how many outputs arrived after that of a later step.
+    """Return how many outputs arrived after the output of a later step.
 
-    See RFC 4737, section 3: the step is below the highest one seen before.
+    See RFC 4737, section 3: the step is below the highest step so far.
     """
     highest_before = np.maximum.accumulate(in_order_of_arrival)[:-1]
     return int(np.count_nonzero(in_order_of_arrival[1:] < highest_before))
@@ -345,7 +345,7 @@ _MAX_IMPLAUSIBLE_SHARE = 0.01
 
 
 def source_times_ns(segment: Segment, rows: Rows) -> NDArray[np.int64] | None:
-    """When the source stamped each message, on the monotonic clock.
+    """Return when the source stamped each message, on the monotonic clock.
 
     Args:
         segment: of a live run.
@@ -365,7 +365,7 @@ def source_times_ns(segment: Segment, rows: Rows) -> NDArray[np.int64] | None:
 
 
 def live_steps(stamps_ns: NDArray[np.int64], times_ns: NDArray[np.int64]) -> Rows:
-    """Messages as steps of a live graph, due and published at these times."""
+    """Return messages as steps of a live graph, due and published at these times."""
     steps = np.zeros(stamps_ns.size, PLAYBACK_DTYPE)
     steps["stamp_ns"] = stamps_ns
     for name in ("due_ns", "published_ns", "done_ns"):
@@ -415,7 +415,7 @@ def match_monitor(
     inputs: StepSources = (),
     played_before: int = 0,
 ) -> MatchedMonitor:
-    """Match what a monitor received to what was played.
+    """Match the messages of a monitor to the steps that were played.
 
     Args:
         playback: rows of type `PLAYBACK_DTYPE`: all steps of the segment.
@@ -433,7 +433,7 @@ def match_monitor(
 class StepStamps:
     """Replaces the stamps of received messages by those of their steps.
 
-    Outputs of earlier steps are known, too: late ones are then recognised in a later segment.
+    It remembers earlier steps, so that their late outputs are recognised in a later segment.
     """
 
     def __init__(self, schedule: Schedule) -> None:
@@ -444,7 +444,7 @@ class StepStamps:
         self._steps_ns: NDArray[np.int64] = np.empty(0, dtype=np.int64)
 
     def replace(self, received: Rows, playback: Rows, first: int) -> Rows:
-        """Return the rows with the stamps of steps where theirs is that of an input of the step.
+        """Return the rows, with the stamp of the step instead of that of an input of the step.
 
         Args:
             received: rows of type `MONITOR_DTYPE`.

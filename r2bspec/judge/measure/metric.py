@@ -48,12 +48,12 @@ PLACEHOLDERS: Final = (PROCESS, NODE, TOPIC, MONITOR)
 
 
 class Scope(StrEnum):
-    """What a metric belongs to. Only the metrics of a monitor are prefixed with its name."""
+    """The kind of thing that a metric belongs to. Only names of monitor metrics have a prefix."""
 
     measured_for: str
 
     def __new__(cls, value: str, measured_for: str) -> Self:
-        """Return a member with the text of what it is measured for."""
+        """Return a member with the text that says what it is measured for."""
         member = str.__new__(cls, value)
         member._value_ = value
         member.measured_for = measured_for
@@ -77,7 +77,7 @@ class Scope(StrEnum):
 
     @property
     def of_messages(self) -> bool:
-        """Whether values are of single messages, or counts of these."""
+        """Whether values are of single messages, or counts of messages."""
         return self in {Scope.MONITOR, Scope.PLAYBACK, Scope.ANATOMY}
 
     @property
@@ -203,14 +203,14 @@ class Metric(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return tuple(MetricInfo(self, part) for part in self.parts or ("",))
 
     def known_of(self, outputs: Outputs) -> bool:
-        """Return True if it is known at a monitor of such outputs."""
+        """Return True if the metric is known at a monitor with such outputs."""
         if outputs == "any":
             return self.at_any or self.at_own_pace
         return {"own pace": self.at_own_pace, "live": self.live}.get(outputs, True)
 
     @property
     def full_formula(self) -> str:
-        """The formula, with the rule of percentiles where there are some."""
+        """The formula, followed by the rule of percentiles if it has percentiles."""
         return f"{self.formula}; {PERCENTILE_RULE}" if self.has_percentiles else self.formula
 
     def part(self, part: str) -> MetricInfo | None:
@@ -221,7 +221,7 @@ class Metric(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return MetricInfo(self, part) if is_known else None
 
     def subject_in(self, name: str) -> str | None:
-        """Return what is in the place of the placeholder in a name without part; None if not its.
+        """Return the subject in a name without part; None if the name is of another metric.
 
         Empty for a metric without a placeholder.
         """
@@ -235,7 +235,7 @@ class Metric(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class MetricInfo(msgspec.Struct, frozen=True):
-    """A metric in one part, of one process, node or topic where its name has a placeholder.
+    """A part of a metric, for one process, node or topic if its name has a placeholder.
 
     Attributes:
         part: such as ``p99``; empty for a metric that is one value.
@@ -259,7 +259,7 @@ class MetricInfo(msgspec.Struct, frozen=True):
 
     @property
     def scope(self) -> Scope:
-        """What it belongs to."""
+        """The scope of the metric."""
         return self.metric.scope
 
     @property
@@ -277,12 +277,12 @@ class MetricInfo(msgspec.Struct, frozen=True):
 
     @property
     def quantile(self) -> float | None:
-        """For percentiles, the fraction of messages at or below; otherwise None."""
+        """The fraction of messages at or below the value; None if it is no percentile."""
         return quantile(self.part)
 
     @property
     def statistic(self) -> Statistic:
-        """How a bound is decided."""
+        """The statistic by which a bound is decided."""
         if not self.part:
             return self.metric.statistic
         if self.part == "mean":
@@ -291,7 +291,7 @@ class MetricInfo(msgspec.Struct, frozen=True):
 
     @property
     def description(self) -> str:
-        """What it is, in a few words."""
+        """A description in a few words."""
         what, q = self.metric.whats.get(self.part, self.metric.what), self.quantile
         if q is not None:
             return f"{what}: {q * 100:g} % of the values are at or below"
@@ -313,16 +313,16 @@ class MetricInfo(msgspec.Struct, frozen=True):
 
     @property
     def may_be_zero(self) -> bool:
-        """Whether 0 is a value like others, and no sign that nothing arrived."""
+        """Whether 0 is an ordinary value, and no sign that nothing arrived."""
         return self.dimension == "share" or self.metric.zero_is_ordinary
 
     @property
     def example(self) -> str:
-        """A requirement on it."""
+        """An example of a requirement."""
         return f"{self.name} {_UNITS_AND_EXAMPLES[self.dimension][1]}".rstrip()
 
     def accepts(self, bound: Bound) -> bool:
-        """Return whether a bound has this metric's dimension.
+        """Return True if a bound has the dimension of this metric.
 
         'of offered' applies to rates only; 'of baseline' to every metric that has a value in each
         iteration and is not a count.
@@ -347,7 +347,7 @@ PERCENTILE_RULE: Final = (
 def metric(
     name: str, scope: Scope, dimension: Dimension, what: str, **traits: Any
 ) -> Callable[[_Read], _Read]:
-    """Declare a metric by a function; see the module, and `Metric` for its traits."""
+    """Declare a metric by a function; `Metric` describes its traits."""
 
     def declare(read: _Read) -> _Read:
         text, _, formula = inspect.cleandoc(read.__doc__ or "").rpartition("\n\n")

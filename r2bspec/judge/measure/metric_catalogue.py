@@ -1,4 +1,4 @@
-"""The metrics by name: which one a requirement means, those that a run has, and their page.
+"""The metrics by name: the metric of a requirement, the metrics of a run, and their page.
 
 Grammar of a metric's name, as a requirement writes it::
 
@@ -53,7 +53,7 @@ WHOLE_GRAPH: Final = "graph"
 
 
 class Subjects(msgspec.Struct, frozen=True):
-    """What a run has metrics of.
+    """The processes, nodes and topics for which a run has metrics.
 
     Attributes:
         topics: without the slash that they begin with.
@@ -69,7 +69,7 @@ class Subjects(msgspec.Struct, frozen=True):
 
     @classmethod
     def of_plan(cls, plan: Plan) -> Subjects:
-        """Return those of a run of a plan."""
+        """Return the subjects of a run of a plan."""
         measured = plan.processes_in("measure")
         nodes = dict.fromkeys(node.node for process in measured for node in process.nodes)
         topics = dict.fromkeys(topic.name.removeprefix("/") for topic in plan.topics)
@@ -106,12 +106,11 @@ def listed() -> dict[str, MetricInfo]:
 def resolve(
     metric: str, monitors: Collection[str], subjects: Subjects = NO_SUBJECTS
 ) -> tuple[str | None, MetricInfo]:
-    """Find the metric of a requirement's dotted name.
+    """Return the metric that a requirement names, and its monitor.
 
-    A metric of a monitor may be written without the monitor: it then refers to the only
-    monitor, or, with several, to each of them that has it (the monitor returned is None). A
-    name that is a metric by itself takes precedence over a monitor with the name of a metric's
-    family.
+    A metric of a monitor may be written without the monitor: it then refers to the only monitor,
+    or, if there are several, to every monitor that has it (the returned monitor is None). A name
+    that is a metric by itself takes precedence over a monitor with the name of a metric's family.
 
     Args:
         metric: the dotted name as written.
@@ -201,7 +200,7 @@ def series_with(has: Callable[[Metric], bool]) -> tuple[str, ...]:
 
 
 def unknown_metric(name: str) -> MetricInfo:
-    """Return what stands for a metric that does not exist."""
+    """Return a placeholder for a metric that does not exist."""
     return MetricInfo(
         Metric(
             name=name,
@@ -217,7 +216,7 @@ def unknown_metric(name: str) -> MetricInfo:
 
 
 def observed_metric(series: str) -> MetricInfo | None:
-    """Return the metric of a node, topic or monitor by its name without part; None without one.
+    """Return the metric of a node, topic or monitor by its name without part, or None.
 
     Its part is empty, whether the metric has parts or not.
     """
@@ -228,7 +227,7 @@ def observed_metric(series: str) -> MetricInfo | None:
 
 
 def device_metric(name: str) -> MetricInfo | None:
-    """Return the metric of a GPU or a processor by its name, of any process; None without one."""
+    """Return the metric of a GPU or a processor by its name, or None."""
     info = _find(name, None)
     return info if info is not None and info.scope is Scope.DEVICE else None
 
@@ -296,7 +295,7 @@ def modes(metric: Metric) -> tuple[str, ...]:
 
 
 def find_metric(name: str) -> MetricInfo:
-    """Return the metric of a name, with any monitor, process, node or topic in it.
+    """Return the metric of a name with any monitor, process, node or topic in it.
 
     Raises:
         MetricError: there is none; with what was probably meant.
@@ -337,7 +336,7 @@ too: `p42`, `p99_5` for 99.5 %.
 
 
 def markdown_page() -> str:
-    """docs/metrics.md."""
+    """Return the generated tables of docs/metrics.md."""
     import textwrap
 
     blocks = [_INTRODUCTION]

@@ -1,6 +1,6 @@
 """The metrics: each is declared by a function, whose docstring ends with the formula.
 
-The functions get what a metric is measured of in one segment, by its scope:
+The argument of a function has the samples of one segment that its scope needs:
 
     monitor                 `MonitorSamples`
     playback                `PlaybackSamples`; not in a live run

@@ -32,10 +32,10 @@ from r2bspec.judge.measure.times import Seconds, percentile, throughput
 
 
 def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples) -> float | None:
-    """Return the value of a metric in one segment, in its SI unit; None if it is unknown.
+    """Return the value of a metric in a segment, in its SI unit; None if it is unknown.
 
-    In a live run, and of outputs with a pace of their own, every metric that depends on what was
-    sent is unknown. So is the latency where outputs are matched by order and one is missing.
+    In a live run, and for outputs with a pace of their own, every metric that depends on sent
+    messages is unknown. So is the latency if outputs are matched by order and one is missing.
 
     Infinity where a percentile or the maximum of the latency falls on a lost message.
 
@@ -97,7 +97,7 @@ def _value(info: MetricInfo, read: Any, lost: int) -> float | None:
 
 
 def time_value(info: MetricInfo, times: Seconds, lost: int) -> float | None:
-    """Return the part of the distribution of some times that a metric names; see `metric_value`."""
+    """Return the part of a distribution of times that a metric names; see `metric_value`."""
     if info.quantile is not None:
         return percentile(times, info.quantile, lost)
     if info.part == "max":
@@ -122,7 +122,7 @@ def message_values(info: MetricInfo, monitor: str | None, samples: SegmentSample
 def values_with_lost(
     info: MetricInfo, monitor: str | None, samples: SegmentSamples, worst: float
 ) -> Seconds:
-    """The values of single messages in one segment, in their order, with outputs that never came.
+    """Return the values of single messages in a segment, in order, including lost outputs.
 
     Args:
         info: the metric, of single messages.
@@ -178,7 +178,7 @@ class WindowValues:
 
 
 def has_windows(info: MetricInfo) -> bool:
-    """Return whether a metric has a value in a window."""
+    """Return True if a metric has a value in a window."""
     return info.metric.in_windows
 
 
@@ -247,10 +247,10 @@ def _values_where_nothing_is_due(
 
 
 def windows(seen: MonitorSamples, window_ns: int) -> Iterator[MonitorSamples]:
-    """Yield what a monitor received in one iteration, window by window.
+    """Yield the samples of a monitor in an iteration, window by window.
 
-    A window of 1 s at 29.97 Hz has 30 steps or 29, and each is then measured by the time of its
-    steps. Without a period, as in a timeline, windows have as many steps as were due in them.
+    A window of 1 s at 29.97 Hz has 30 steps or 29, and is then measured by the time of its steps.
+    Without a period, as in a timeline, windows have as many steps as were due in them.
 
     Args:
         seen: one monitor in one iteration.

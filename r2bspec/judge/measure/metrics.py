@@ -1,9 +1,9 @@
-"""The metrics of a run: frozen values that serialise to JSON, and how they come from samples.
+"""The metrics of a run: frozen values that serialise to JSON, computed from samples.
 
-Times are seconds, rates hertz, sizes bytes and shares fractions of one; of processor time, one
-core is 1. None is no value: nothing arrived, or nothing was sampled. Samples become metrics per
-iteration, pooled per rate, and as a range over the iterations. Pooled iterations are as one: counts
-added, messages pooled, rates averaged.
+Times are seconds, rates hertz, sizes bytes and shares fractions of one; of processor time, one core
+is 1. None means no value: nothing arrived, or nothing was sampled. Samples become metrics per
+iteration, pooled per rate, and as a range over the iterations. Pooling adds counts, joins messages,
+and averages rates.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ MetricValue = Distribution | int | float | None
 
 
 class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """What one monitor received: every metric of a monitor that is declared.
+    """The values of all declared metrics of a monitor.
 
     Attributes:
         values: by the name of the metric, without a part where it has a distribution.
@@ -79,7 +79,7 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_expected(self) -> bool:
-        """Whether a number of outputs was expected, so that it is known how many missed."""
+        """Whether a number of outputs was expected, so that missed outputs can be counted."""
         return self._number("missed") is not None
 
     @property
@@ -94,7 +94,7 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def drop_rate(self) -> float | None:
-        """The share of the expected outputs that missed."""
+        """The share of the expected outputs that were missed."""
         return self._number("drop_rate")
 
     def times(self, name: str) -> Distribution:
@@ -109,7 +109,7 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PlaybackMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """What was played: the published rate, and how late publications began.
+    """The playback: the published rate, and how late publications began.
 
     In a live run, in which nothing is played, both are None.
     """
@@ -134,11 +134,11 @@ WORK_PARTS: Final = ("mean", "p10", "p25", "p50", "p90")
 
 
 class UseMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """What a process and its descendants used; for the machine, all processes.
+    """The resource use of a process and its descendants; for the machine, of all processes.
 
     `faults_per_message` is the number of page faults without reading from disk for each step that
-    was played; None if it was not counted, or nothing was played. `work` is None where the
-    processor time of steps was not read.
+    was played; None if it was not counted, or nothing was played. `work` is None if the processor
+    time of steps was not read.
     """
 
     cpu_mean: float | None
@@ -149,11 +149,10 @@ class UseMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """One iteration, or several pooled (then `segment` is empty and `index` is None).
+    """An iteration, or several pooled iterations (then `segment` is empty and `index` is None).
 
-    `interference` is the host interference, where it was sampled; None if pooled. `start` is the
-    start of the processes that it was played in, from 1; 0 if pooled, and in results of versions
-    that did not state it.
+    `interference` is the host interference, if it was sampled; None if pooled. `start` is the
+    number of the start in which it was played, from 1; 0 if pooled.
 
     Attributes:
         graph: what the processes of the graph used together; None in results of versions that did
@@ -190,7 +189,7 @@ own source."""
 
 
 def pace_of(mode: str) -> Pace:
-    """Return what sets the rate of messages in a playback mode."""
+    """Return what determines the rate of messages in a playback mode."""
     paces: dict[str, Pace] = {"timeline": "recording", "live": "source"}
     return paces.get(mode, "rate")
 
@@ -201,7 +200,7 @@ class RateMetrics(msgspec.Struct, frozen=True, kw_only=True):
     `pooled` adds counts and pools single messages over all iterations; its rates and processor
     shares are the mean of the iterations' values. `spread` has, for each monitor, the range of
     metrics over the iterations, by the metric's name. `reruns` replace iterations affected by host
-    interference; they are included in none of these.
+    interference, and are not part of these values.
     """
 
     offered_hz: float
@@ -212,7 +211,7 @@ class RateMetrics(msgspec.Struct, frozen=True, kw_only=True):
     reruns: tuple[SegmentMetrics, ...] = ()
 
     def __post_init__(self) -> None:
-        """See that every iteration has what is pooled.
+        """Check that every iteration has the monitors and processes that are pooled.
 
         Raises:
             ValueError: one has other monitors.
@@ -225,7 +224,7 @@ class RateMetrics(msgspec.Struct, frozen=True, kw_only=True):
 class RunMetrics(msgspec.Struct, frozen=True, kw_only=True):
     """Everything measured in a run, by offered rate in ascending order.
 
-    `incomplete` are the iterations that were cut short; they are not included in any value.
+    `incomplete` are the iterations that were cut short; they are part of no value.
     """
 
     rates: tuple[RateMetrics, ...]
@@ -235,7 +234,7 @@ class RunMetrics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def summarise(samples: RunSamples) -> RunMetrics:
-    """Return the metrics of samples that were read before."""
+    """Return the metrics of samples."""
     return RunMetrics(
         rates=tuple(
             _measure_rate(rate, iterations, samples.reruns, pace_of(samples.mode))
@@ -248,9 +247,9 @@ def summarise(samples: RunSamples) -> RunMetrics:
 
 
 def measure_segment(samples: SegmentSamples, *, pooled: bool = False) -> SegmentMetrics:
-    """Return the metrics of one segment, or of the iterations of a rate, pooled.
+    """Return the metrics of a segment, or of the pooled iterations of a rate.
 
-    What would fit the outputs better is only looked for in all of them.
+    A better fitting `match` of outputs is only looked for in all iterations together.
     """
     played = samples.playback
     sent = 0 if samples.live else played.sent

@@ -1,4 +1,4 @@
-"""The anatomies of a run: of each segment that was observed from inside, joined in one place."""
+"""The anatomies of a run: of each segment that was observed from inside."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from r2bspec.record.sample_arrays import Rows
 
 @dataclass(frozen=True)
 class ObservedRows:
-    """What was observed from inside in one segment.
+    """The events that were observed from inside in a segment.
 
     Attributes:
         rows: of type `ANATOMY_DTYPE`.
@@ -33,7 +33,7 @@ class ObservedRows:
 
 
 def observed_values(joined: Anatomy) -> dict[str, Seconds]:
-    """Return what was observed of each node and topic; see `SegmentSamples.anatomy`."""
+    """Return the observed values of each node and topic; see `SegmentSamples.anatomy`."""
     # Requirements name topics without the slash that they begin with.
     return {
         name.replace("path./", "path.").removeprefix("/"): values
@@ -46,7 +46,7 @@ def anatomy_summaries(
 ) -> tuple[AnatomySummary, ...]:
     """Return the anatomy of the last observed iteration at each rate.
 
-    Of several runs that of the last.
+    With several runs, that of the last run.
 
     A start in which no iteration could be observed has one without paths, which says why.
 
@@ -72,12 +72,12 @@ def anatomy_summaries(
 
 
 def last_run(run: Run) -> Run:
-    """Return the last of several runs as one; another run itself."""
+    """Return the last of several joined runs; any other run unchanged."""
     return run.runs[-1] if isinstance(run, MergedRun) and run.runs else run
 
 
 def observed_segments(run: Run) -> Iterator[tuple[Segment, AnatomyRecord]]:
-    """Yield the iterations of a run that are summarised, with what was observed in their start."""
+    """Yield the summarised iterations of a run with the events observed in their start."""
     records = {record.start: record for record in run.record.anatomies}
     last = {
         segment.rate_hz: segment

@@ -1,6 +1,6 @@
-"""What outputs that do not answer each input once are: of a timer, of every nth, of any number.
+"""Outputs that do not answer each input once: of a timer, of every n-th input, of any number.
 
-Whether an output comes at a period of its own: that of a timer, whatever is played.
+Whether outputs come at a period of their own: that of a timer, whatever is played.
 
 An output that follows the inputs has their period, and ends with them. That of a timer does
 neither. It counts as such if, in one segment, or in all together where each has too few messages,
@@ -40,7 +40,7 @@ _OTHER_PERIOD = 0.05
 
 @dataclass(frozen=True)
 class PaceEvidence:
-    """What one segment tells of the pace of a monitor's outputs.
+    """What a segment shows about the pace of the outputs of a monitor.
 
     Attributes:
         intervals_ns: between its messages, until the graph had drained.
@@ -56,7 +56,7 @@ class PaceEvidence:
 
     @property
     def is_enough(self) -> bool:
-        """Whether a period would be known, if there were one."""
+        """Whether there are enough messages to recognise a period."""
         return self.unasked >= self.least and self.intervals_ns.size >= _MIN_INTERVALS
 
     @property
@@ -77,7 +77,7 @@ class PaceEvidence:
 def own_period_s(evidence: Sequence[PaceEvidence], overdue: int = 0) -> float | None:
     """Return the period over several segments: the median, if at least half of them have one.
 
-    Where none has enough messages, as of a slow timer, those of all are taken together.
+    If no segment has enough messages, as with a slow timer, all segments are taken together.
 
     Args:
         evidence: of each segment.
@@ -100,7 +100,7 @@ _NEAR_RATIO = 0.05
 
 
 def own_pace_text(period_s: float, input_period_s: float = 0.0) -> str:
-    """Return what a monitor of such outputs should say, as a sentence that begins in lower case.
+    """Return a sentence, in lower case, on what the monitor of such outputs should declare.
 
     Args:
         period_s: of the outputs.
@@ -127,9 +127,9 @@ _ANY_NUMBER = 0.05
 
 
 def fitting_match(strides: NDArray[np.float64], counts: NDArray[np.float64], delay: float) -> str:
-    """What a monitor should say of outputs that do not answer each input once, as a sentence.
+    """Return a sentence on what a monitor should declare if outputs do not answer each input once.
 
-    It begins in lower case; empty where one output for each input fits, or nothing is known.
+    It begins in lower case; empty if one output for each input fits, or nothing is known.
 
     Args:
         strides: inputs from one that has an output to the next that has.

@@ -1,8 +1,8 @@
 """The samples of a run, from its rows: read from a run folder, or kept by a run in progress.
 
-The latency of a graph is split into that of its hops by the taps. The same message is identified at
-every tap by its header stamp. With t_A(s) the time at which the message of step s was received at
-A, the latency of the hop from A to B is
+The latency of a graph is split into that of its hops by the taps. A message is identified at every
+tap by its header stamp. With t_A(s) the time at which the message of step s was received at A, the
+latency of the hop from A to B is
 
     t_B(s) - t_A(s)
 
@@ -82,7 +82,7 @@ class SegmentRows:
 
 @dataclass(frozen=True)
 class HostSamples:
-    """What was sampled over the whole run.
+    """The samples of processes, host and devices over the whole run.
 
     Attributes:
         processes: from rows of `RESOURCE_DTYPE`.
@@ -132,7 +132,7 @@ def _read_process_samples(run: Run) -> ProcessSamples:
 
 
 def merged_samples(merged: MergedRun, runs: Sequence[RunSamples]) -> RunSamples:
-    """Return the samples of a merged run, from those of its runs.
+    """Return the samples of a merged run from those of its parts.
 
     Args:
         merged: the run.
@@ -248,10 +248,10 @@ def _observed_rows(run: Run, segment: Segment) -> ObservedRows | None:
 
 
 def match_segment(run: Run, segment: Segment, monitor: MonitorPlan) -> tuple[Rows, Rows, Matching]:
-    """Return the steps of a segment that count for a monitor, what it received, and how they match.
+    """Return the steps of a segment that count for a monitor, its messages, and their matching.
 
     In a live segment, in which nothing is played, each message is its own step, published when its
-    source stamped it; there are none if that is not known.
+    source stamped it; there are none if that time is unknown.
 
     Raises:
         RecordError: a file of the segment is missing or damaged.
@@ -272,7 +272,7 @@ def match_monitors(
 ) -> dict[str, MatchedMonitor]:
     """Return how the outputs of each monitor match the steps of a segment.
 
-    Nothing if the graph is live.
+    Empty if the graph is live.
 
     Args:
         plan: of the run.
@@ -451,7 +451,7 @@ def run_samples(
     def session(
         record: RunRecord, iterations: list[Segment], sustained: list[Segment]
     ) -> RunSamples:
-        """Return the samples of the complete ones among some segments, played in one session."""
+        """Return the samples of the complete segments of one session."""
 
         def of_segment(segment: Segment) -> SegmentSamples:
             return replace(samples_of(segment), **used[segment.id])
@@ -506,7 +506,7 @@ def hop_samples(
     seen: Rows,
     matched: Matching,
 ) -> tuple[HopSamples, ...]:
-    """Return the hops of the path to a monitor, in one segment.
+    """Return the hops of the path to a monitor in a segment.
 
     A tap whose messages have no header is left out, and its two hops are merged.
 

@@ -1,9 +1,9 @@
-"""One table of samples for each monitor: a row is an expected output, or another received message.
+"""The table of samples of a monitor: a row is an expected output, or another received message.
 
-Of an expected output, which may never have come, a row says when its step was due and published; of
-every message, when it was received. Rows belong to spans: to segments, or to windows of a segment,
-whose start and rate are those of the segment. Several iterations are one table, joined; windows and
-other parts are selected by masks. All that is measured of a monitor follows from its table.
+For an expected output, which may never have come, a row says when its step was due and published;
+for every message, when it was received. Rows belong to spans: to segments, or to windows of a
+segment, whose start and rate are those of the segment. Several iterations are one table, joined;
+windows and other parts are selected by masks. All metrics of a monitor are computed from its table.
 
 Where inputs may have any number of outputs, each output that came counts as expected. In a live
 run, and of outputs with a pace of their own, nothing is due. Each message then counts as
@@ -90,7 +90,7 @@ class Span:
     taken: float | None = None
 
     def gaps_of(self, outputs: Rows) -> Seconds:
-        """The intervals between outputs, and the gaps at the ends that count (see `edge_gaps`)."""
+        """Return the intervals between outputs, and the end gaps that count (`edge_gaps`)."""
         arrived = _arrived(outputs)
         if not arrived.size:
             return _NOTHING
@@ -128,10 +128,10 @@ def _elapsed(outputs: Rows, since: str) -> Seconds:
 
 @dataclass(frozen=True)
 class MonitorSamples:
-    """What one monitor received in some spans.
+    """The samples of a monitor in some spans.
 
-    Counts are of the rows: ``expected = answered + missed``, and
-    ``received = answered + duplicates + unmatched``.
+    Counts are of the rows: ``expected = answered + missed``, and ``received = answered + duplicates
+    + unmatched``.
 
     Attributes:
         rows: of type `SAMPLE_DTYPE`, in the order of the spans.
@@ -155,7 +155,7 @@ class MonitorSamples:
 
     @classmethod
     def joined(cls, samples: Sequence[MonitorSamples]) -> MonitorSamples:
-        """Return one monitor over several iterations, at least one."""
+        """Return the samples of a monitor over several iterations, at least one."""
         rows = np.concatenate([sample.rows for sample in samples])
         offsets = np.cumsum([0, *(len(sample.spans) for sample in samples[:-1])])
         rows["span"] += np.repeat(offsets, [sample.rows.size for sample in samples]).astype("<i4")
@@ -164,13 +164,13 @@ class MonitorSamples:
         )
 
     def part(self, expected: slice, span: Span) -> MonitorSamples:
-        """Return a part of the expected outputs of one span; other messages belong to none."""
+        """Return a part of the expected outputs of one span; other messages belong to no part."""
         return replace(self, rows=self.outputs[expected], spans=(span,))
 
     def with_outputs(self, received_ns: NDArray[np.int64], throughput_hz: float) -> MonitorSamples:
         """Return the samples of one span with other times of reception of the expected outputs.
 
-        Which step each output answers is then known.
+        It is then known which step each output answers.
 
         Args:
             received_ns: one for each expected output; `NO_MATCH` for one that never comes.
@@ -186,7 +186,7 @@ class MonitorSamples:
         return replace(self, rows=rows, spans=spans, by_order=False)
 
     def shortened(self, taken: float) -> MonitorSamples:
-        """Return the samples with the faster half of all times in the places of the others.
+        """Return the samples with the slower half of all times replaced by the faster half.
 
         Args:
             taken: the share by which they are shortened.
@@ -210,7 +210,7 @@ class MonitorSamples:
 
     @property
     def sent(self) -> int:
-        """Steps played; messages, where no output was expected."""
+        """Steps played; if no output was expected, messages."""
         return sum(span.sent for span in self.spans)
 
     @property
@@ -235,7 +235,7 @@ class MonitorSamples:
 
     @property
     def duplicates(self) -> int:
-        """Messages of a step that has its output already."""
+        """Messages of a step that already has its output."""
         return self._count(MessageKind.DUPLICATE)
 
     @property
@@ -245,12 +245,12 @@ class MonitorSamples:
 
     @property
     def overdue(self) -> int:
-        """Of the unmatched, outputs of a step of an earlier segment."""
+        """Unmatched messages that are outputs of a step of an earlier segment."""
         return self._count(MessageKind.OVERDUE)
 
     @property
     def surplus(self) -> int:
-        """Of the unmatched, by order, messages beyond the expected ones."""
+        """Unmatched messages, by order, beyond the expected outputs."""
         return self._count(MessageKind.SURPLUS)
 
     def _count(self, kind: MessageKind) -> int:
@@ -258,12 +258,12 @@ class MonitorSamples:
 
     @property
     def untimed(self) -> int:
-        """Messages whose time of reception is that of taking."""
+        """Messages whose time of reception is the time at which they were taken."""
         return int(np.count_nonzero(self.rows["untimed"]))
 
     @property
     def reordered(self) -> int:
-        """Outputs that arrived after that of a later step (RFC 4737)."""
+        """Outputs that arrived after the output of a later step (RFC 4737)."""
         if self.own_pace:
             return 0
         return sum(
@@ -292,11 +292,11 @@ class MonitorSamples:
 
     @cached_property
     def latency(self) -> Seconds:
-        """Received - published of each output, in the order of the steps; none if unknown.
+        """Received - published of each output, in the order of the steps; empty if unknown.
 
         Published is when publishing of the step's first input began; received is when the
-        middleware received the first output. Where several steps lead to one output, the last of
-        them counts: the graph could not respond before. In a live run it is the age.
+        middleware received the first output. If several steps lead to one output, the last of them
+        counts: the graph could not respond before. In a live run it is the age.
         """
         if self.own_pace:
             return self.age if self.kind == "live" else _NOTHING
@@ -304,12 +304,12 @@ class MonitorSamples:
 
     @cached_property
     def latency_from_due(self) -> Seconds:
-        """The same since the step was due: delays of the playback count."""
+        """The latency since the step was due: delays of the playback count."""
         return _NOTHING if self.own_pace else self._pair_times(self.came, "due_ns")
 
     @cached_property
     def age(self) -> Seconds:
-        """Received - published of the newest input in each output; none where it is not known."""
+        """Received - published of the newest input in each output; empty if unknown."""
         return self._pair_times(self.came & (self.outputs["newest_ns"] != NO_MATCH), "newest_ns")
 
     def _pair_times(self, known: NDArray[np.bool_], since: str) -> Seconds:
@@ -351,7 +351,7 @@ class MonitorSamples:
 
     @property
     def latency_by_step(self) -> Seconds:
-        """The latency of each expected output, NaN for those that never came."""
+        """The latency of each expected output; NaN if it never came."""
         values = np.full(self.expected, np.nan)
         values[self.came] = self.latency
         return values
@@ -381,21 +381,21 @@ class MonitorSamples:
         return f"outputs are matched by order, and {found}" if found else ""
 
     def knows(self, metric: Metric) -> bool:
-        """Return whether a metric is known of these outputs."""
+        """Return True if a metric is known of these outputs."""
         return metric.known_of(self.kind) and not (metric.of_pairs and self.unknown_latency)
 
     def reports(self, metric: Metric) -> bool:
-        """Return whether results have a metric of outputs of this kind."""
+        """Return True if results have a metric of outputs of this kind."""
         return self.kind in metric.reported_of
 
     @property
     def own_period_s(self) -> float | None:
-        """The period of outputs that come whatever is played; None if these do not."""
+        """The period of outputs with a pace of their own; None for other outputs."""
         return own_period_s(self.pace, self.overdue)
 
     @property
     def fitting_match(self) -> str:
-        """What the monitor should say where a ratio or any number fits its outputs; else empty."""
+        """What the monitor should declare if a ratio or any number fits better; else empty."""
         if self.kind != "answers" or self.per_step != 1:
             return ""
         strides, counts, delays = [_NOTHING], [_NOTHING], [0.0]
@@ -430,7 +430,7 @@ class MonitorSamples:
 
     @property
     def pace(self) -> tuple[PaceEvidence, ...]:
-        """What each segment tells of the pace of the outputs, where inputs were played for them."""
+        """What each segment shows about the pace of the outputs, if inputs were played for them."""
         if self.own_pace:
             return ()
         evidence = []
@@ -460,7 +460,7 @@ PlayedEarlier = Callable[[NDArray[np.int64]], NDArray[np.bool_]]
 def monitor_samples(
     segment: Segment, matched: MatchedMonitor, played_earlier: PlayedEarlier | None = None
 ) -> MonitorSamples:
-    """Return what one monitor received in one segment in which inputs were played.
+    """Return the samples of a monitor in a segment in which inputs were played.
 
     Args:
         segment: in which it was received.
@@ -525,7 +525,7 @@ def output_period_ns(segment: Segment, steps: int, per_step: float) -> float:
 
 
 def live_samples(segment: Segment, received: Rows) -> MonitorSamples:
-    """Return what one monitor received from a graph with its own source."""
+    """Return the samples of a monitor of a graph with its own source."""
     stamped = source_times_ns(segment, received)
     newest = np.full(received.size, NO_MATCH, np.int64) if stamped is None else stamped
     return _unasked(segment, received, newest)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class HopSamples:
-    """One hop: its latency in seconds, a value for each step received at both ends, in their order.
+    """A hop: its latency in seconds, in order, for each step received at both ends.
 
     `missed` steps were received at `source` and not at `target`.
     """
@@ -59,7 +59,7 @@ def pool_hops(iterations: Sequence[Iterable[HopSamples]]) -> tuple[HopSamples, .
 def known_latencies(seen: Sequence[MonitorSamples]) -> Seconds:
     """Return the latencies of a monitor over several iterations.
 
-    None if those of one are unknown.
+    None if those of any iteration are unknown.
     """
     if any(sample.unknown_latency for sample in seen):
         return np.empty(0)
@@ -68,7 +68,7 @@ def known_latencies(seen: Sequence[MonitorSamples]) -> Seconds:
 
 @dataclass(frozen=True)
 class PlaybackSamples:
-    """What was played: steps, the published rate, and how late each step began.
+    """The playback: steps, the published rate, and how late each step began.
 
     `planned_hz` is the rate at which steps were due. A live run has no playback.
     """
@@ -81,7 +81,7 @@ class PlaybackSamples:
 
 @dataclass(frozen=True)
 class SegmentSamples:
-    """One segment: playback, monitors, processes, and host interference.
+    """A segment: playback, monitors, processes, and host interference.
 
     Attributes:
         graph: what the processes of the graph used together.
@@ -114,7 +114,7 @@ class SegmentSamples:
         return self.segment.live
 
     def known_work(self, process: str) -> Seconds:
-        """Return the processor time of the steps of a process for which it is known."""
+        """Return the known processor times of the steps of a process."""
         used = self.work.get(process, np.empty(0))
         return used[~np.isnan(used)]
 
@@ -156,9 +156,9 @@ class RunSamples:
 
     @property
     def starts(self) -> int:
-        """Starts of the graph's processes behind the iterations, at the rate with the fewest.
+        """The number of starts behind the iterations, at the rate with the fewest.
 
-        1 where the verdict is of this start alone; also without any iteration.
+        1 if the verdict is of this start alone, or if there is no iteration.
         """
         return min(
             (len(set(starts_of(iteration))) for iteration in self.iterations.values()), default=1
@@ -171,14 +171,14 @@ class RunSamples:
         return {one.segment.id: one.summary for one in played if one.summary is not None}
 
     def iterations_at(self, at_hz: float | None) -> tuple[SegmentSamples, ...]:
-        """Return the iterations at a rate; none if there is no rate."""
+        """Return the iterations at a rate; none without a rate."""
         if at_hz is None:
             return ()
         rates = self.iterations.items()
         return next((played for rate, played in rates if math.isclose(rate, at_hz)), ())
 
     def turns_at(self, kind: TurnKind, at_hz: float | None) -> SegmentSamples | None:
-        """Return what was played by turns for a rate; None if nothing was."""
+        """Return what was played by turns for a rate; None without turns."""
         of_kind = (
             played
             for (its_kind, rate), played in self.turns.items()
@@ -187,7 +187,7 @@ class RunSamples:
         return next(of_kind, None)
 
     def with_each(self, change: Callable[[SegmentSamples], SegmentSamples | None]) -> RunSamples:
-        """Return the run with each iteration as it is changed, without those that become None."""
+        """Return the run with its iterations changed, without those that become None."""
         iterations = {
             rate: tuple(one for one in map(change, played) if one is not None)
             for rate, played in self.iterations.items()
@@ -196,12 +196,12 @@ class RunSamples:
 
 
 def starts_of(iterations: Sequence[SegmentSamples]) -> tuple[int, ...]:
-    """Return the start of the graph's processes that each iteration was played in."""
+    """Return the number of the start in which each iteration was played."""
     return tuple(iteration.segment.start for iteration in iterations)
 
 
 def playback_samples(playback: Rows) -> PlaybackSamples:
-    """Return what was played: rows of type `PLAYBACK_DTYPE`, one per step."""
+    """Return the playback from rows of type `PLAYBACK_DTYPE`, one row for each step."""
     return PlaybackSamples(
         sent=int(playback.size),
         rate_hz=mean_rate(playback["published_ns"]),
@@ -211,7 +211,7 @@ def playback_samples(playback: Rows) -> PlaybackSamples:
 
 
 def pool_segments(samples: Sequence[SegmentSamples]) -> SegmentSamples:
-    """Several iterations as one, at least one; its segment is that of the first."""
+    """Join several iterations, at least one; the segment is that of the first."""
     processes = dict.fromkeys(name for sample in samples for name in sample.processes)
     used = {
         name: pool_resource_use(sample.processes.get(name) for sample in samples)
@@ -248,7 +248,7 @@ def pool_segments(samples: Sequence[SegmentSamples]) -> SegmentSamples:
 
 
 def pool_playback(samples: Sequence[PlaybackSamples]) -> PlaybackSamples:
-    """Return the playback of several iterations, at least one; its rate is the mean of theirs."""
+    """Return the playback of several iterations, at least one; its rate is their mean rate."""
     return PlaybackSamples(
         sent=sum(sample.sent for sample in samples),
         rate_hz=sum(sample.rate_hz for sample in samples) / len(samples),

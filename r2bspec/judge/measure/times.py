@@ -15,12 +15,12 @@ Seconds = NDArray[np.float64]
 
 
 def intervals(arrived_ns: NDArray[np.int64]) -> Seconds:
-    """t[i+1] - t[i] in seconds; shape (n - 1,)."""
+    """Return t[i+1] - t[i] in seconds; shape (n - 1,)."""
     return seconds(arrived_ns[1:] - arrived_ns[:-1])
 
 
 def jitter(arrived_ns: NDArray[np.int64]) -> Seconds:
-    """|(t[i+2] - t[i+1]) - (t[i+1] - t[i])| in seconds; shape (n - 2,)."""
+    """Return |(t[i+2] - t[i+1]) - (t[i+1] - t[i])| in seconds; shape (n - 2,)."""
     if arrived_ns.size < 3:
         return np.empty(0)
     between = arrived_ns[1:] - arrived_ns[:-1]
@@ -28,12 +28,12 @@ def jitter(arrived_ns: NDArray[np.int64]) -> Seconds:
 
 
 def seconds(ns: NDArray[np.int64]) -> Seconds:
-    """Differences of nanoseconds as seconds."""
+    """Return differences of nanoseconds as seconds."""
     return ns.astype(np.float64) / 1e9
 
 
 def mean_rate(times_ns: NDArray[np.int64]) -> float:
-    """(n - 1) / (t_last - t_first) in Hz; 0 for fewer than two events.
+    """Return (n - 1) / (t_last - t_first) in Hz; 0 for fewer than two events.
 
     n events bound n - 1 periods: dividing n by the same time would give 10.2 Hz for 10 Hz.
     """
@@ -42,10 +42,10 @@ def mean_rate(times_ns: NDArray[np.int64]) -> float:
 
 
 def edge_gaps(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> tuple[int, int]:
-    """The gaps before the first and after the last output that are part of the measurement, in ns.
+    """Return the gaps, in ns, before the first and after the last output that count.
 
     A graph that dies in the middle has perfect intervals up to then. So a gap at an end counts if
-    it is longer than every gap between two outputs; an ordinary one is only the phase between the
+    it is longer than every gap between two outputs; a shorter gap is only the phase between the
     playback's clock and the outputs, and does not count.
 
     Args:
@@ -66,10 +66,10 @@ def edge_gaps(arrived_ns: NDArray[np.int64], soonest_ns: int, ended_ns: int) -> 
 def throughput(
     arrived_ns: NDArray[np.int64], soonest_ns: int, window_ns: float, period_ns: float = 0.0
 ) -> float:
-    """Outputs per window of time, in Hz.
+    """Return the outputs per window of time, in Hz.
 
-    With n outputs, output k of them (from 1 on) received t_k after the first one could come, a
-    window of length w and a period p::
+    With n outputs, output k of them (from 1 on) received t_k after the first could come, a window
+    of length w and a period p::
 
         throughput = n / w                            if t_n <= w
                      max over k of k / max(w, t_k + p)   otherwise
@@ -99,7 +99,7 @@ def throughput(
 
 
 def faster_half(values: Seconds) -> Seconds:
-    """Return the values with those of the faster half in the places of the others."""
+    """Return the values with the slower half replaced by the faster half."""
     better = -(-values.size // 2)
     order = np.argsort(values, kind="stable")
     found = values.copy()
@@ -110,8 +110,8 @@ def faster_half(values: Seconds) -> Seconds:
 def percentile(values: NDArray[np.float64], q: float, lost: int = 0) -> float | None:
     """Return the value at or below which a fraction `q` of all messages lies.
 
-    Nearest rank, which is the inverse of the empirical distribution function: with the n values
-    in ascending order, followed by `lost` times infinity, it is the k-th, where
+    Nearest rank, which is the inverse of the empirical distribution function: with the n values in
+    ascending order, followed by `lost` times infinity, it is the k-th, where
 
         k = max(1, ceil(q (n + lost)))
 

@@ -1,4 +1,4 @@
-"""Values as text: three significant digits, the unit that keeps them short."""
+"""Values as text: three significant digits, and the unit that keeps them short."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SIZES = ((2.0**40, "TiB"), (2.0**30, "GiB"), (2.0**20, "MiB"), (2.0**10, "KiB")
 def show(value: float | None, unit: str, digits: int = 3) -> str:
     """Write a value with its unit: ``12.3 ms``, ``29.98 Hz``, ``0.47 %``, ``64 MiB``, ``3,000``.
 
-    What is no rate of messages, the frequency of a processor, is in GHz.
+    A frequency that is not a rate of messages, such as that of a processor, is in GHz.
 
     Args:
         value: in the catalogue's unit; None is ``-``, and infinity is ``lost`` for a time,
@@ -47,7 +47,7 @@ def show(value: float | None, unit: str, digits: int = 3) -> str:
 
 
 def show_rate(rate_hz: float, pace: str = "") -> str:
-    """Write an offered rate; one of 0 is written as its source: ``as recorded``, ``live``.
+    """Write an offered rate; a rate of 0 as its source: ``as recorded``, ``live``.
 
     Args:
         rate_hz: the offered rate; 0 for none.
@@ -65,7 +65,7 @@ def at_rate(rate_hz: float, pace: str = "") -> str:
 
 
 def show_range(low: float, high: float, unit: str) -> str:
-    """Write a range with its unit once, that of the larger end: ``11.2–12.9 ms``."""
+    """Write a range with one unit, that of the larger end: ``11.2–12.9 ms``."""
     text = show(high, unit)
     number, _, name = text.partition(" ")
     shown = significant(low / unit_scale(unit, name), 4 if name == "Hz" else 3)
@@ -94,7 +94,7 @@ def _scaled(value: float, scales: tuple[tuple[float, str], ...], digits: int) ->
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """Return a number with so many significant digits, no exponent, and no trailing zeros."""
+    """Return a number with `digits` significant digits, no exponent, and no trailing zeros."""
     if value == 0:
         return "0"
     decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))

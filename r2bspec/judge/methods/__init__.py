@@ -1,7 +1,7 @@
-"""Every method by which a requirement is decided: its name and its traits.
+"""The methods by which requirements are decided: their names and traits.
 
-A module of this package takes a case and returns a decision. To add a method, add its
-function to `method_of` of `r2bspec.judge.pipeline`, and its entries here.
+A module of this package takes a case and returns a decision. To add a method, add its function to
+`method_of` of `r2bspec.judge.pipeline`, and its entries here.
 """
 
 from __future__ import annotations

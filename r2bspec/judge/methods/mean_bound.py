@@ -1,8 +1,8 @@
-"""How means are decided: by t over the iterations, and over the starts where there are several.
+"""How means are decided: by t over the iterations, and over the starts if there are several.
 
-One value for each iteration: messages within one are correlated, and the difference between
-iterations is the noise that a second run would show. A run with several starts of the graph's
-processes is a hierarchical sample (`r2bspec.judge.statistics.t_interval`).
+Each iteration has one value: messages within an iteration are correlated, and the difference
+between iterations is the noise that a second run would show. A run with several starts of the
+graph's processes is a hierarchical sample (`r2bspec.judge.statistics.t_interval`).
 
 A lost output has no latency, and no mean includes it. So a latency whose mean is small enough does
 not PASS if more than 1 % of the outputs are lost: the mean describes only the others. Fewer are

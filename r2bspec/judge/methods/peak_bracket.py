@@ -1,4 +1,4 @@
-"""How a peak rate is decided: by the bracket in which the search ended, and what refutes it.
+"""How a peak rate is decided: by the bracket in which the search ended, unless it is refuted.
 
 A search is made in one start, and its confidence is about that start.
 
@@ -105,10 +105,10 @@ def _other_start_text(
 
 
 def bracket_confidence(search: SearchRecord) -> str:
-    """Such as ``95 % confidence of one start, for what recurs within 28 s``; empty for one without.
+    """Return ``95 % confidence of one start, for what recurs within 28 s`` or similar, or nothing.
 
-    A search is made in one start. No stop can have been met where others took a part of the time of
-    every play.
+    A search is made in one start. If others took a part of the time of every play, no recurring
+    stop is excluded.
     """
     if not search.shown or not search.confidence:
         return ""

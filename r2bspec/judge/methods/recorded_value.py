@@ -1,7 +1,6 @@
-"""What is compared with the limit as it was recorded: observations, sequential probes.
+"""Values that are compared with the limit as recorded: observations, sequential probes.
 
-Observations
-------------
+Observations ------------
 
 Minimum, maximum, counts, and all with == or != are compared with the limit.
 
@@ -61,7 +60,7 @@ def judge_observation(case: RequirementCase, record: RunRecord) -> Decision:
 
 
 def observed_value(case: RequirementCase) -> float | None:
-    """Return the value over all iterations: extremes of extremes, sums of counts, means of all."""
+    """Return the value of all iterations: extremes of extremes, sums of counts, means of means."""
     if case.info.scope is Scope.ANATOMY:
         return time_value(case.info, np.concatenate(case.message_values), case.lost)
     return metric_value(case.info, case.monitor, pool_segments(case.iterations))
@@ -125,7 +124,7 @@ _REMEDY = (
 
 
 def judge_sustained(case: RequirementCase, record: RunRecord) -> Decision:
-    """Decide ``sustained`` by the sequential probe of the rate, the last one if it has several."""
+    """Decide ``sustained`` by the last sequential probe of the rate."""
     found = [
         probe
         for probe in record.sustained

@@ -1,7 +1,6 @@
 """How percentiles, shares and requirements on windows are decided, and in which words.
 
-Shares
-------
+Shares ------
 
 The counts of all iterations are tested, with their design effect
 (`r2bspec.judge.statistics.shares`). Nothing but the counts shows that starts differ, so that the
@@ -71,7 +70,7 @@ _ONE_ITERATION: Final = "One iteration does not show by how much iterations diff
 
 
 def judge_share(case: RequirementCase, _: RunRecord) -> Decision:
-    """Decide a requirement on ``drop_rate``: missed outputs, of the expected ones."""
+    """Decide a requirement on ``drop_rate``: the share of missed outputs."""
     missed = [np.logical_not(around.came) for around in case.monitor_samples]
     bounds = _bounds_of_flags(case, missed, case.limit)
     if not bounds.n:
@@ -105,7 +104,7 @@ def _tested(case: RequirementCase, allowed: float) -> ShareLimit:
 def decision_by_share(
     test: ShareTest, outcome: Outcome, *, method: Method = "exact binomial", **details: Any
 ) -> Decision:
-    """Return the decision that a binomial test makes; `details` are further fields of it."""
+    """Return the decision of a binomial test; `details` are further fields of it."""
     return Decision(
         outcome=outcome,
         method=method,
@@ -164,7 +163,7 @@ def percentile_decision(
     *,
     method: Method = "exact binomial",
 ) -> Decision:
-    """Return a decision by an interval, and what would settle an open requirement.
+    """Return a decision by an interval, with what would settle an open requirement.
 
     Args:
         case: that is decided.
@@ -252,7 +251,7 @@ def _share_test(
 
 
 def judge_windows(case: RequirementCase, _: RunRecord) -> Decision:
-    """Decide a requirement that must be met in a share of windows, which it names."""
+    """Decide a requirement that must be met in a stated share of windows."""
     share, window_ns = case.requirement.windows_share, case.requirement.window_ns
     if share is None:
         raise ValueError(f"{case.requirement.text} names no windows")
@@ -374,7 +373,7 @@ def counted_noun(case: RequirementCase) -> str:
 
 
 def share_sentence(case: RequirementCase, test: ShareTest, outcome: Outcome) -> str:
-    """How many are on the wrong side of the limit, what that shows, and how many are allowed."""
+    """Return how many are on the wrong side of the limit, what that shows, and what is allowed."""
     seen = (
         f"{show(test.over, 'count')} of {show(test.n, 'count')} {counted_noun(case)} "
         f"({_percent(test.share)}) {_wrong_side(case, test)}{_effective_size_text(test)}"
@@ -393,7 +392,7 @@ def share_sentence(case: RequirementCase, test: ShareTest, outcome: Outcome) -> 
 
 
 def level_sentence(case: RequirementCase, interval: PercentileInterval, levels: LevelMargin) -> str:
-    """That iterations or starts differ by too much for a percentile to be decided."""
+    """Return that iterations or starts differ too much for a percentile to be decided."""
     unit = case.info.unit
     return (
         f"{case.info.name} is {show(interval.estimate, unit)}, but the {levels.number} "
@@ -432,5 +431,5 @@ def _percent(share: float) -> str:
 
 
 def counts_decide(test: ShareTest) -> bool:
-    """Return whether the counts alone decide."""
+    """Return True if the counts alone decide."""
     return test.upper <= test.allowed or test.lower > test.allowed

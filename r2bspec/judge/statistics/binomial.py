@@ -51,7 +51,7 @@ def lower_bound(k: float, n: float, confidence: float) -> float:
 
 
 def last_true(holds: Callable[[int], bool], low: int, high: int) -> int:
-    """The largest k in low..high with `holds(k)`, which is true up to some k and false after.
+    """Return the largest k in low..high with `holds(k)`, which is true up to some k only.
 
     `holds(low)` must be true.
     """

@@ -1,8 +1,8 @@
-"""Change points of a history: after which results the values are others than before.
+"""Change points of a history: the results after which the values differ from those before.
 
 E-divisive (Matteson and James, "A nonparametric approach for multiple change point analysis of
-multivariate data", JASA 109, 2014) with the distance of means: of n values v, the split k with
-the largest
+multivariate data", JASA 109, 2014) with the distance of means: of n values v, the split k with the
+largest
 
     q(k) = n / (k (n - k)) (sum over i < k of (v_i - mean v))^2
 
@@ -81,7 +81,7 @@ class ChangePoint:
 
 
 def change_points(values: Values, level: float = LEVEL) -> list[ChangePoint]:
-    """Return the change points of values in the order of time; the same values give the same.
+    """Return the change points of values in the order of time; a deterministic function.
 
     Args:
         values: shape (n,), finite.

@@ -1,7 +1,7 @@
 """How many more starts, iterations or pairs would decide an open requirement.
 
-The estimate and the scatter are taken to stay what they are. Then m' pieces instead of m make the
-half width of an interval by t smaller by the factor
+The estimate and the scatter are assumed to stay the same. Then m' pieces instead of m reduce the
+half width of an interval by t by the factor
 
     t_c(m' - 1) / t_c(m - 1) sqrt(m / m'),
 
@@ -26,7 +26,7 @@ Decides = Callable[[int], bool]
 
 
 def mean_decides(distance: float, half: float, m: int, confidence: float) -> Decides:
-    """Return whether m' pieces narrow an interval of m pieces enough.
+    """Return the test whether m' pieces narrow an interval of m pieces enough.
 
     Args:
         distance: from the estimate to the limit.
@@ -41,7 +41,7 @@ def mean_decides(distance: float, half: float, m: int, confidence: float) -> Dec
 
 
 def share_decides(bad: float, n: float, allowed: float, m: int, confidence: float) -> Decides:
-    """Return whether m' pieces have enough messages for the test on a share.
+    """Return the test whether m' pieces have enough messages for the test on a share.
 
     Args:
         bad: bad messages of m pieces, over the design effect.
@@ -66,5 +66,5 @@ def more_pieces(m: int, *decides: Decides) -> int | None:
 
 
 def advice(more: int, pieces: str) -> str:
-    """Return the advice as a sentence; `pieces` is what is added, in the plural."""
+    """Return the advice as a sentence; `pieces` is the noun for what is added, in the plural."""
     return f"About {more} more {pieces if more > 1 else pieces[:-1]} would decide it."

@@ -114,7 +114,7 @@ class RankedMessages:
     def __init__(
         self, values: Sequence[NDArray[np.float64]], starts: Sequence[int], test: ShareLimit
     ) -> None:
-        """Take one array for each iteration; lost messages are +inf, or -inf for a lower limit.
+        """Take an array for each iteration; lost messages are +inf, or -inf for a lower limit.
 
         Args:
             values: in the order they were played.
@@ -130,7 +130,7 @@ class RankedMessages:
         self._bounds: dict[int, ShareBounds] = {}
 
     def over(self, k: int) -> ShareBounds:
-        """Return the bounds on the share that is over a limit if the k largest messages are."""
+        """Return the bounds on the share over a limit if the k largest messages are over it."""
         if k not in self._bounds:
             least = self.ordered[self.n - k] if k else math.nan
             counts = {
@@ -210,7 +210,7 @@ def level_margin(
 
 
 def middle_half(values: NDArray[np.float64]) -> float:
-    """Return the mean of the middle half of some values; infinite if a value of it is lost."""
+    """Return the mean of the middle half of some values; infinite if it has a lost value."""
     cut = values.size // 4
     middle = np.sort(values)[cut : values.size - cut]
     # An exact sum: its digits do not depend on the processor.

@@ -1,7 +1,7 @@
-"""What a sample without a failure proves. Closed forms, without SciPy.
+"""What a sample without a failure proves, in closed form, without SciPy.
 
-If a share p of all messages is over a bound, n independent messages show none with probability
-(1 - p)^n. So after n messages with none over, p is at most the p for which that is 1 - c:
+If a share p of all messages is over a bound, n independent messages show none with probability (1 -
+p)^n. So after n messages with none over, p is at most the p for which that is 1 - c:
 
     (1 - p)^n = 1 - c        p = 1 - (1 - c)^(1/n)        n = ln(1 - c) / ln(1 - p)
 
@@ -14,7 +14,7 @@ import math
 
 
 def zero_failure_bound(n: int, confidence: float) -> float:
-    """Return the upper bound on the share of failures after n messages without one.
+    """Return the upper bound on the share of failures after n messages without a failure.
 
     At 95 % it is close to 3/n, the rule of three, because -ln 0.05 = 2.996.
 

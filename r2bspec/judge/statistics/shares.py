@@ -82,7 +82,7 @@ class ShareBounds:
 
 @dataclass(frozen=True)
 class ShareLimit:
-    """Which share is tested, and how surely.
+    """The share that is tested, and the confidence of the test.
 
     Attributes:
         allowed: the share.

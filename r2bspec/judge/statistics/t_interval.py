@@ -82,7 +82,7 @@ Value = TypeVar("Value")
 
 
 def by_start(values: Sequence[Value], starts: Sequence[int]) -> list[list[Value]]:
-    """One value for each iteration, by the start that it was played in, in their order."""
+    """Return the values of the iterations grouped by their start, in their order."""
     groups: dict[int, list[Value]] = {}
     for value, start in zip(values, starts, strict=True):
         groups.setdefault(start, []).append(value)
@@ -94,11 +94,11 @@ _SCATTER_ERROR_OF_SHARES: Final = 0.4
 
 
 def scatter_level(confidence: float, *, of_shares: bool = False) -> float:
-    """Return the level of quantiles of t for what differs between a few starts or iterations.
+    """Return the level of t quantiles for differences between a few starts or iterations.
 
-    It makes good what the plain tests ignore: starts that resemble each other a little, deviations
-    that are not normal, and bad messages that are added where few were (`shares`). Of a decision
-    at 95 % it is 96 %; of a PASS of a share, which no margin of levels protects, 98 %
+    It compensates for what the plain tests ignore: starts that resemble each other a little,
+    deviations that are not normal, and bad messages that are added where few were (`shares`). For a
+    decision at 95 % it is 96 %; for a PASS of a share, which no margin of levels protects, 98 %
     (`tests/simulation/tables.py starts`).
     """
     return 1 - (1 - confidence) * (_SCATTER_ERROR_OF_SHARES if of_shares else _SCATTER_ERROR)
@@ -112,7 +112,7 @@ def t_quantile(freedom: float, confidence: float) -> float:
 
 
 def deviation_bound(deviation: float, number: int, confidence: float) -> float:
-    """The upper bound of a standard deviation that so many normal values show, by chi-square.
+    """Return the upper bound of a standard deviation of normal values, by chi-square.
 
     Args:
         deviation: of the values.
@@ -163,7 +163,7 @@ def mean_interval(
 
 @dataclass(frozen=True)
 class HierarchicalInterval:
-    """The interval of a mean, and what it counts: `number` iterations or starts."""
+    """The interval of a mean; `number` is that of the iterations or starts it counts."""
 
     interval: MeanInterval
     pieces: Literal["iterations", "starts"]
@@ -236,7 +236,7 @@ def _logarithms(values: Sequence[float]) -> list[float]:
 
 
 def pair_orders(pairs: int, seed: int, session: int = 0) -> tuple[PairOrder, ...]:
-    """Return the order of the two sides in each pair, by a coin for each; never one order alone.
+    """Return the order of the two sides in each pair, by a coin; never the same order in all.
 
     Args:
         pairs: how many.

@@ -1,7 +1,6 @@
 """A slope through points that resemble their neighbours, and the variance of a mean of such points.
 
-Variance inflation
-------------------
+Variance inflation ------------------
 
 For a stationary sequence with the autocorrelations r_0 = 1, r_1, r_2, .. the variance of the mean
 of many is larger than if they were independent by the factor
@@ -73,7 +72,7 @@ _MAX_SIGNIFICANT = 0.9
 
 
 def significant_inflation(values: Sequence[float]) -> float:
-    """Return F above, at least 1, of values of which only a significant correlation counts."""
+    """Return F above, at least 1, where only a significant correlation counts."""
     m = len(values)
     mean = math.fsum(values) / max(m, 1)
     deviations = [value - mean for value in values]

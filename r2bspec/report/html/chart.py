@@ -3,7 +3,7 @@
 The library writes ``style`` attributes, which a strict content security policy blocks, and ids that
 repeat from one drawing to the next. Here every style becomes presentation attributes, every id gets
 the drawing's own prefix, and every colour of the palette also becomes a class, so that a stylesheet
-can change it where one is allowed (dark mode).
+can change it if one is allowed (dark mode).
 """
 
 from __future__ import annotations
@@ -250,13 +250,13 @@ class ChartBuilder:
 def colour(number: int) -> str:
     """Return the colour of a series.
 
-    They repeat after six, and line styles tell them apart, too.
+    Colours repeat after six; line styles then tell them apart.
     """
     return SERIES[number % len(SERIES)]
 
 
 def line_style(number: int) -> Any:
-    """Return the line style of a series, to distinguish it not by colour alone."""
+    """Return the line style of a series, which distinguishes it without colour."""
     return _STYLES[number % len(_STYLES)]
 
 
@@ -359,7 +359,7 @@ def write(
 def inside_label(
     axes: Axes, x: float, y: float, text: str, ink: str, *, above: bool = True
 ) -> None:
-    """Write a label next to a point, on a side on which it is inside the axes.
+    """Write a label beside a point, inside the axes.
 
     The limits of the axes must be final. `above` is the side where both are possible.
     """
@@ -374,7 +374,7 @@ OUTCOME_COLOURS: Final = {"pass": "good", "fail": "bad", "inconclusive": "unsure
 
 
 def scale_values(axes: Axes, *, logarithmic: bool) -> None:
-    """Give the vertical axis a logarithmic scale, or one from 0."""
+    """Give the vertical axis a logarithmic scale, or a scale from 0."""
     if logarithmic:
         axes.set_yscale("log")
         plain_numbers(axes.yaxis)

@@ -52,7 +52,7 @@ class Rectangle:
         return self.y + self.height / 2
 
     def contains(self, x: float, y: float) -> bool:
-        """Return whether a point is inside, or too close."""
+        """Return True if a point is inside, or too close."""
         return (
             self.x - _CLEARANCE < x < self.right + _CLEARANCE
             and self.y - _CLEARANCE < y < self.bottom + _CLEARANCE
@@ -65,7 +65,7 @@ Point = tuple[float, float]
 def route(
     tail: Rectangle, head: Rectangle, boxes: Iterable[Rectangle], gap: float, row_gap: float
 ) -> str:
-    """Return the path of an arrow, as SVG has it.
+    """Return the path of an arrow as SVG.
 
     Args:
         tail: where it begins.
@@ -209,7 +209,7 @@ class Drawing:
 def lay_out(
     plan: Plan, annotations: Mapping[str, Sequence[str]], width: float = math.inf
 ) -> Drawing:
-    """Place everything.
+    """Place all boxes and arrows.
 
     Args:
         plan: the plan to draw.

@@ -41,16 +41,16 @@ def step_latencies(seen: MonitorSamples) -> StepLatencies:
 
 
 def has_latencies(samples: RunSamples, monitor: str) -> bool:
-    """Return whether outputs with a latency were expected of a monitor.
+    """Return True if outputs with a latency were expected of a monitor.
 
-    Those of a timer have none.
+    Outputs of a timer have none.
     """
     segments = (segment for played in samples.iterations.values() for segment in played)
     return any(step_latencies(segment.monitors[monitor]).size for segment in segments)
 
 
 def thin_indices(values: StepLatencies, max_points: int) -> NDArray[np.int64]:
-    """Which of many values to draw: the extremes of each interval, at most `max_points` in all.
+    """Return which values to draw: the extremes of each interval, at most `max_points` in all.
 
     The extremes are never left out; missing values are.
     """
@@ -65,7 +65,7 @@ def thin_indices(values: StepLatencies, max_points: int) -> NDArray[np.int64]:
 
 
 def missed_runs(missed: NDArray[np.bool_], max_runs: int = 400) -> list[tuple[int, int]]:
-    """Runs of missed steps as (first, count); neighbours are joined if there are too many."""
+    """Return runs of missed steps as (first, count); neighbours are joined if there are many."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], missed, [False])).astype(np.int8)))
     runs = [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
     gap = 0
@@ -89,7 +89,7 @@ _MIN_LOG_RATIO = 20.0
 
 
 def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> Chart:
-    """One curve for each offered rate, with the limits and bounds of its requirements.
+    """Draw a curve for each offered rate, with the limits and bounds of its requirements.
 
     Args:
         name: of the chart, unique in its page.
@@ -254,7 +254,7 @@ _WORST_FIRST = ("fail", "inconclusive", "pass")
 
 
 def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> Chart:
-    """Return a row for each offered rate; iterations follow each other from left to right.
+    """Draw a row for each offered rate; iterations follow each other from left to right.
 
     See `percentile_chart`.
     """

@@ -44,7 +44,7 @@ _COLOURS: Final = {True: "good", False: "bad", None: "quiet"}
 
 
 def load_curve_chart(name: str, metrics: RunMetrics, run: Run | None, verdict: Verdict) -> Chart:
-    """Above the throughput, below the drop rate. Probes of the search are hollow."""
+    """Draw the throughput above, and the drop rate below; probes of the search are hollow."""
     probes = all_probes(metrics)
     rates = [*(rate.offered_hz for rate in metrics.rates), *(probe.rate_hz for probe in probes)]
     description = (
@@ -226,7 +226,7 @@ _MIB = 2**20
 
 
 def loads_chart(name: str, run: Run) -> Chart | None:
-    """Processor time, and memory below it; None if nothing was sampled."""
+    """Draw processor time, and memory below it; None if nothing was sampled."""
     rows = run.resources()
     if not rows.size:
         return None
@@ -277,7 +277,7 @@ def loads_chart(name: str, run: Run) -> Chart | None:
 
 
 def devices_chart(name: str, run: Run) -> Chart | None:
-    """Busy GPUs, and power below them; None if nothing was sampled."""
+    """Draw busy GPUs, and power below them; None if nothing was sampled."""
     rows = ProcessSamples(run.devices()).rows(MACHINE_INDEX)
     if rows.size <= 2:
         return None

@@ -1,4 +1,4 @@
-"""Documents as pages: one self-contained file each, with charts where it is of a run."""
+"""Documents as pages: a self-contained file each, with charts if the document is of a run."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def to_page(document: Document, script: str = "") -> bytes:
 
 
 def render_graph(plan: Plan) -> bytes:
-    """Return the drawing of a plan as a page, whose policy allows its style and nothing else."""
+    """Return the drawing of a plan as a page, whose policy allows only its own style."""
     from r2bspec.plan.time_estimate import estimate_time
 
     figure = _graph_chart(plan, {}, None)

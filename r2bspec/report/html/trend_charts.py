@@ -1,4 +1,4 @@
-"""Charts of histories: one for each metric, with the results on the axis."""
+"""Charts of histories: a chart for each metric, with the results on the axis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A waterfall of a path: where its messages were, part after part, usually and at the slowest."""
+"""A waterfall of a path: where its messages were, part after part, in median and slowest cases."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _COLOURS: Final = {"transport": "s2", "wait": "s1", "held": "s1", "callback": "s
 
 
 def waterfalls(result: Result) -> Iterator[Chart]:
-    """Yield a chart of each path, those first that most messages took last."""
+    """Yield a chart of each path, starting with the path that most messages took."""
     found = [
         (anatomy, path) for anatomy in anatomy_table.anatomies_of(result) for path in anatomy.paths
     ]
