@@ -1,6 +1,6 @@
 """The input of the rules: a spec, and facts about it that are computed on first use.
 
-What is known of a bag at low cost: its index, and the times of its messages if it is small.
+A bag is known at low cost: by its index, and by the times of its messages if it is small.
 
 Reading a bag takes longer than all rules together. What is read of bags that are not tiny is
 therefore kept in the cache of the user. Its key has the size, times and inode of each file, so a
@@ -138,7 +138,7 @@ def max_wrong_share(metric: KnownMetric) -> float | None:
 
 
 class Recording(NamedTuple):
-    """One bag of a spec: its path in the spec, its location, and its index or its error."""
+    """A bag of a spec: its path in the spec, its location, and its index or its error."""
 
     path: Path
     location: BagLocation | None
@@ -155,7 +155,7 @@ class DocumentFiles:
 
     @cached_property
     def companions(self) -> CompanionReader:
-        """Reads the companion files of every case."""
+        """The reader of the companion files of every case."""
         return CompanionReader(self._base_dir)
 
     def recording(self, bag: str, path: Path) -> Recording:
@@ -176,7 +176,7 @@ class DocumentFiles:
 
 
 class Context:
-    """A spec, and what can be found out about it without executing anything.
+    """A spec, and what can be determined about it without executing anything.
 
     Attributes:
         loaded: the document.
@@ -211,7 +211,7 @@ class Context:
 
     @cached_property
     def bag(self) -> BagIndex | None:
-        """The index of all bags together; None offline, or if one of them cannot be used."""
+        """The index of all bags together; None offline, or if any of them cannot be used."""
         indexes = [bag.content for bag in self.recordings if bag.content is not None]
         return merge_indexes(indexes) if len(indexes) == len(self.recordings) else None
 
@@ -265,9 +265,9 @@ class Context:
         return lookup(self.loaded.tree, path)
 
     def parameter_path(self, node: NodeWiring, name: str) -> Path | None:
-        """Return where the spec sets a parameter of a node; None for one from a parameter file.
+        """Return where the spec sets a parameter of a node; None if a parameter file sets it.
 
-        If several maps set it, the last one applies.
+        If several maps set it, the last map applies.
         """
         place: Path = (*node.path, "parameters")
         parameters_node = self.value_at(place)
@@ -281,7 +281,7 @@ class Context:
         return setting[-1] if setting else None
 
     def record_versions(self, node: NodeWiring) -> tuple[str, str] | None:
-        """The versions of a package in a recorded interface and on this machine, if they differ."""
+        """Return the package versions of a recorded interface and of here, if they differ."""
         entry = self.companion_files.interfaces.get(node.key)
         origin = entry.recorded_from if entry is not None else None
         if origin is None or not origin.version:
@@ -314,7 +314,7 @@ class Context:
 
     @cached_property
     def input_times(self) -> dict[str, TopicTimes]:
-        """The times of the stamped inputs that are loaded directly, as far as they are read.
+        """The times of stamped inputs that are loaded directly, as far as they were read.
 
         The stamps are corrected by what the spec says of the clock.
         """
@@ -365,7 +365,7 @@ class Context:
 
     @cached_property
     def subjects(self) -> Subjects:
-        """What the measured phase has metrics of, besides its monitors."""
+        """The subjects of metrics in the measured phase, other than monitors."""
         measured = self.wiring.measure
         return Subjects(
             processes=process_names(self.spec, self.wiring),
@@ -461,7 +461,7 @@ def _store(entry: FilePath, content: bytes) -> None:
 
 
 def clocks_ahead(times: Mapping[str, TopicTimes], slop_ns: int) -> dict[str, Duration]:
-    """Return how far the clocks of inputs are ahead, by their names, where that is constant."""
+    """Return how far the clocks of inputs are ahead, by their names, if that is constant."""
     if len(times) < 2 or not all(each.recorded_ns for each in times.values()):
         return {}
     recorded_ns = [each.recorded_ns for each in times.values()]
@@ -528,7 +528,7 @@ def _count_by_reading(context: Context, topic: str) -> MessageCount:
 
 
 def has_recorded_requests(context: Context, topic: str) -> bool | None:
-    """Return whether the events of a service have requests in the window.
+    """Return True if the events of a service have requests in the window.
 
     None if they are not read.
     """

@@ -34,7 +34,7 @@ _STOPPED = "R2B005"
 
 @cache
 def all_rules() -> tuple[Rule, ...]:
-    """Every rule: early rules first, then by code, so that causes come before consequences."""
+    """Return every rule: early rules first, then by code, so that causes come first."""
     modules = pkgutil.iter_modules(rules.__path__, f"{rules.__name__}.")
     values = (value for module in modules for value in vars(import_module(module.name)).values())
     unsorted = (value for value in values if isinstance(value, Rule))
@@ -82,7 +82,7 @@ def check_cases(
 def context_of(
     loaded: LoadedSpec, *, offline: bool = False, files: DocumentFiles | None = None
 ) -> Context | None:
-    """Return the context of a spec; None where the document has errors.
+    """Return the context of a spec; None if the document has errors.
 
     Args:
         loaded: from `load_spec`.

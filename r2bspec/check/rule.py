@@ -1,4 +1,4 @@
-"""What rules are made of: what a rule is, what it finds, and the parts of its messages.
+"""The parts of rules: what a rule is, what it finds, and the parts of its messages.
 
 A rule is a function with a code, in a module of `r2bspec.check.rules`::
 
@@ -63,7 +63,7 @@ class Pointer(msgspec.Struct, frozen=True):
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """One problem.
+    """A problem that a rule has found.
 
     Attributes:
         message: what is wrong, without a full stop; names are in single quotes.
@@ -99,7 +99,7 @@ Findings = Iterator[Finding]
 
 
 class Rule(msgspec.Struct, frozen=True, kw_only=True):
-    """One rule: its code, and the function that finds violations.
+    """A rule: its code, and the function that finds violations.
 
     Attributes:
         code: such as ``R2B204``.
@@ -162,7 +162,7 @@ def value_key(path: Path) -> str:
 
 
 def publisher_advice(context: Context, phase: PhaseWiring, topic: str) -> str:
-    """What to do about a topic without a publisher: use another, or state what nodes publish."""
+    """Return advice on a topic without a publisher: use another, or state what nodes publish."""
     published = [context.relative_name(name) for name in phase.topics if phase.publishers(name)]
     advice = suggestion(context.relative_name(topic), published, "published topics")
     if not phase.possible_publishers:
@@ -179,7 +179,7 @@ _MAX_REASONS = 2
 def why_unknown(nodes: Iterable[NodeWiring]) -> str:
     """Return why the publishers of nodes are not all known, in brackets.
 
-    Empty if nothing says it.
+    Empty if no reason is known.
     """
     reasons = [
         f"{node.key}: {node.interface.may_publish_more}"
@@ -207,7 +207,7 @@ def as_version_warning(interface: Interface, finding: Finding) -> Finding:
 def with_record(
     context: Context, finding: Finding, *rests_on: tuple[NodeWiring, InterfaceSource]
 ) -> Finding:
-    """Return the finding, naming the recorded interfaces that it rests on.
+    """Return the finding with the recorded interfaces that it rests on.
 
     It is a warning if one of them was recorded with another version of the package.
 
@@ -230,7 +230,7 @@ def with_record(
 def with_endpoint_records(
     context: Context, phase: PhaseWiring, finding: Finding, *endpoints: WiredEndpoint
 ) -> Finding:
-    """Return the same for a finding that follows from what is known of endpoints."""
+    """Return a finding on endpoints with the recorded interfaces that it rests on."""
     rests_on = [
         (
             node,
@@ -315,7 +315,7 @@ def differences_to_diagnostics(
 def failure_to_diagnostics(
     message: str, code: str, hint: str, blamed: str, loaded: LoadedSpec
 ) -> tuple[Diagnostic, ...]:
-    """The diagnostic of a run that has failed, at the node or container that it blames, if any.
+    """Return the diagnostic of a failed run, at the node or container that it blames, if any.
 
     Args:
         message: of the failure, without the output of a process.

@@ -1,4 +1,4 @@
-"""What a benchmark does where its spec does not say: its confidence, its starts, its probes.
+"""The defaults of a benchmark: its confidence, its starts, its probes.
 
 Runs of one graph differ by more than the iterations of a run show: memory layout, the order of
 discovery and the placement of threads are decided anew at each start. So a run is a sample of

@@ -1,4 +1,4 @@
-"""The requirements of a spec, each a comparison of a metric.
+"""The requirements of a spec: comparisons of a metric with a bound.
 
 Grammar (white space between tokens is free)::
 
@@ -75,7 +75,7 @@ class Bound(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass_transform(kw_only_default=True, eq_default=False)
 class Requirement:
-    """One parsed requirement, equal to any other with the same text.
+    """A parsed requirement, equal to any other with the same text.
 
     Neither a struct nor a dataclass: in every document it is a string (see
     `r2bspec.language.declaration`).
@@ -118,7 +118,7 @@ class Requirement:
 
     @property
     def is_positive(self) -> bool:
-        """Whether it is more than zero, which says nothing of a requirement."""
+        """Always True: the language checks it for quantities, which share this type."""
         return True
 
     @classmethod
@@ -132,7 +132,7 @@ class Requirement:
         return self.bound is not None and self.bound.of_baseline
 
     def is_met(self, value: float, limit: float) -> bool:
-        """Compare one value with a limit, both in the bound's SI unit."""
+        """Compare a value with a limit, both in the bound's SI unit."""
         if self.op is None:
             raise ValueError(f"{self.text!r} is not a comparison")
         return COMPARISONS[self.op](value, limit)
@@ -140,7 +140,7 @@ class Requirement:
 
 @lru_cache(maxsize=4096)
 def parse_requirement(text: str) -> Requirement:
-    """Parse one requirement.
+    """Parse a requirement.
 
     Raises:
         ComparisonError: the text is not a requirement; with the offset of the first error.

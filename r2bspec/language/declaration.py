@@ -67,7 +67,7 @@ class NamePattern(msgspec.Struct, frozen=True, dict=True):
 
 
 class Key(msgspec.Struct, frozen=True, eq=False, kw_only=True):
-    """What the declaration of a value says besides its type.
+    """The declaration of a value, apart from its type.
 
     Attributes:
         examples: values as they are written, the most typical first.
@@ -121,7 +121,7 @@ def key(*examples: Any, **rest: Any) -> Key:
 
 
 class Written(msgspec.Struct, frozen=True):
-    """The type of a key as it is written, where the field has another one."""
+    """The type of a key in documents, if the field has another type."""
 
     type: Any
 
@@ -139,22 +139,22 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @classmethod
     def from_word(cls, word: str) -> Any:
-        """Return the value of a word in place of the map."""
+        """Return the record that a word stands for, if it is written instead of the map."""
         raise NotImplementedError(f"{cls.__name__} is not written as a word")
 
     @classmethod
     def from_keys(cls, keys: dict[str, Any]) -> Any:
-        """Return the value of a map with these keys, named as fields; they may be changed."""
+        """Return the record with these keys, named as fields; they may be changed."""
         return cls(**keys)
 
     @classmethod
     def fields_of(cls, value: "Record") -> dict[str, Any]:
-        """Return the fields of this record in one that extends it."""
+        """Return the fields of this record in a record that extends it."""
         return {name: getattr(value, name) for name in cls.__struct_fields__}
 
 
 class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
-    """What may be written as a value, and how it is described.
+    """The values that may be written at a place, and their description.
 
     Attributes:
         about: what its declaration says besides the type; `examples` are never empty but for Any.
@@ -195,7 +195,7 @@ class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
 
     @cached_property
     def description(self) -> str:
-        """What the value means, for readers."""
+        """The meaning of the value, for readers."""
         if self.about.description:
             return self.about.description
         if self.owner is not None and self.field in _texts(self.owner):
@@ -214,7 +214,7 @@ class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
         )
 
     def required_unless(self, *, live: bool, calls: bool) -> tuple[str, ...]:
-        """Return the keys that a map must have where nothing is played, or services are called."""
+        """Return the required keys of a map in a live benchmark, or one that calls services."""
         about = {name: rule.about for name, rule in (self.keys or {}).items()}
         return tuple(
             name
@@ -239,7 +239,7 @@ class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
 
     @property
     def is_text(self) -> bool:
-        """Whether the value is a text as it is."""
+        """Whether the value is any text."""
         return self.kinds == ("string",) and self.quantity is None
 
     def below(self, step: str | int) -> "ValueRule | None":
@@ -260,14 +260,14 @@ class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
 
     @property
     def snippets(self) -> Sequence[Mapping[str, Any]]:
-        """What editors offer in place of the value: labels, and bodies with placeholders."""
+        """The proposals of editors: labels, and bodies with placeholders."""
         field = f"{self.owner.__name__}.{self.field}" if self.owner is not None else ""
         record = self.record.__name__ if self.record is not None else ""
         return _snippets().get(field) or _snippets().get(record, ())
 
 
 def rule_of(annotation: Any) -> ValueRule:
-    """Return the rule of a type as it stands in an annotation."""
+    """Return the rule of a type, given as an annotation."""
     metadata: list[Any] = []
     while get_origin(annotation) in _WRAPPERS:
         metadata = [*getattr(annotation, "__metadata__", ()), *metadata]
@@ -292,7 +292,7 @@ def rule_of(annotation: Any) -> ValueRule:
 def record_keys(record: type[Record]) -> dict[str, ValueRule]:
     """Return the rules of the keys of a record, by their names in documents.
 
-    Inherited ones come last.
+    Inherited keys come last.
     """
     names = dict(zip(record.__struct_fields__, record.__struct_encode_fields__, strict=True))
     last = record.__struct_fields__[-len(record.__struct_defaults__) or None :]
@@ -335,7 +335,7 @@ def rule_at(path: Path) -> ValueRule | None:
 
 
 def change_at(path: Path) -> Change:
-    """What the key at a path changes, by its own declaration or by that of the nearest section.
+    """Return what the key at a path changes, as it or its nearest section declares.
 
     Raises:
         KeyError: neither says anything, or the language has no such path.
@@ -466,14 +466,14 @@ def _texts(record: type[Record]) -> Mapping[str, str]:
 
 
 def encode_text(value: object) -> str:
-    """Return the `enc_hook` of msgspec: a quantity, a requirement or a condition as text."""
+    """Encode a quantity, a requirement or a condition as text: the `enc_hook` of msgspec."""
     if isinstance(value, Quantity | Requirement):
         return str(value)
     raise NotImplementedError(f"cannot write {type(value).__name__}")
 
 
 def decode_text(kind: type, value: object) -> Any:
-    """Return the `dec_hook` of msgspec: the inverse of `encode_text`.
+    """Decode the text of `encode_text`: the `dec_hook` of msgspec.
 
     Raises:
         QuantityError: the text is not a quantity of that kind.

@@ -1,4 +1,4 @@
-"""A document: its text, read and decoded, what is found in it, and its state while it is loaded.
+"""A document: its text, read and decoded, its diagnostics, and its state while it is loaded.
 
 YAML also allows UTF-16 and UTF-32. They are refused here: no other tool of a ROS workspace reads
 them, so a file in one of them is most likely an accident.
@@ -33,7 +33,7 @@ _UTF16_AND_UTF32_BOMS = (b"\xff\xfe", b"\xfe\xff", b"\x00\x00\xfe\xff")
 
 @dataclass(frozen=True)
 class Source:
-    """The text of a document, the file name shown to the user, and what is wrong with the text.
+    """The text of a document, the file name shown to the user, and problems of the text.
 
     With an error in `diagnostics`, the text serves for excerpts only.
     """
@@ -52,19 +52,19 @@ class Source:
         return self.lines[number - 1] if 0 < number <= len(self.lines) else ""
 
     def span_at(self, offset: int) -> Span:
-        """Return the span of the one character at an offset into the text."""
+        """Return the span of the character at an offset into the text."""
         before = split_lines(self.text[:offset])
         line, column = len(before), len(before[-1]) + 1
         return Span(self.file, line, column, line, column + 1)
 
 
 def has_errors(diagnostics: Iterable[Diagnostic]) -> bool:
-    """Return whether one of some findings is an error."""
+    """Return True if any of some findings is an error."""
     return any(diagnostic.severity is Severity.ERROR for diagnostic in diagnostics)
 
 
 def read_file(path: FilePath, folders: Iterable[FilePath] = ()) -> Source:
-    """Read and decode one file; ``-`` is standard input. Problems become diagnostics.
+    """Read and decode a file; ``-`` is standard input. Problems become diagnostics.
 
     Args:
         path: the file. If it is a link, the file itself must be below the folder of the link.
@@ -161,9 +161,9 @@ def _forbidden() -> re.Pattern[str]:
 def inner_span(source: Source | None, span: Span, text: str, offset: int, length: int) -> Span:
     """Return the span of ``text[offset : offset + length]``, where `text` is the value at `span`.
 
-    Quotes, escapes and folded lines make the characters of the file differ from those of the
-    value. Therefore the part is searched for in the file, as the occurrence of the same rank. If
-    that fails, or if `source` is None, the result is the whole span.
+    Quotes, escapes and folded lines make the characters of the file differ from those of the value.
+    Therefore the part is searched for in the file, as the occurrence of the same rank. If that
+    fails, or if `source` is None, the result is the whole span.
     """
     if source is None:
         return span
@@ -206,7 +206,7 @@ MAX_PROBLEMS = 1000
 
 
 class StopReadingError(Exception):
-    """The rest of the document is not read; the reason has been reported."""
+    """The rest of the document is not read; the reason was reported."""
 
 
 class DiagnosticCollector:
@@ -243,7 +243,7 @@ class DiagnosticCollector:
 
 
 class ValueOrigins(msgspec.Struct, frozen=True):
-    """For each file that is extended, the places that led to it, the nearest first."""
+    """For each extended file, the places that led to it, the nearest first."""
 
     files: dict[str, tuple[Related, ...]] = msgspec.field(default_factory=dict)
 

@@ -1,9 +1,10 @@
 """Violations of the language, explained: one diagnostic for each mistake.
 
-One mistake may violate several rules: a missing key and an unknown key are one misspelt key, and
-several wrong values a forgotten name. These are looked for first; what they explain is not reported
-again. What is left are values of the wrong type, form or size: a text that certainly means the same
-as a valid one is replaced by it where the user asks for that; any other suggestion is an example.
+One mistake may violate several rules: a missing key and an unknown key are a misspelt key, and
+several wrong values a forgotten name. These patterns are looked for first; the violations that they
+explain are not reported again. What remains are values of the wrong type, form or size: a text that
+certainly means the same as a valid text is replaced by it if the user asks for that; any other
+suggestion is an example.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from r2bspec.language.yaml_document import ScalarError, resolve
 
 
 def explain_violations(violations: Sequence[Violation]) -> list[Diagnostic]:
-    """Explain what a document violates."""
+    """Return the diagnostics of the violations of a document."""
     diagnostics: list[Diagnostic] = []
     unnamed = list(missing_names(violations))
     diagnostics += (diagnostic for _, diagnostic in unnamed)
@@ -66,7 +67,7 @@ def _is_explained(path: Path, explained: set[Path]) -> bool:
 
 
 def missing_keys(violation: Violation, renamed: set[Path]) -> Iterator[Diagnostic]:
-    """One diagnostic for all keys that a map lacks."""
+    """Return one diagnostic for all keys that a map lacks."""
     keys = violation.rule.keys or {}
     present = entries_of(violation.node)
     missing = [
@@ -91,7 +92,7 @@ def _place(violation: Violation) -> str:
 
 
 def invalid_key_name(violation: Violation) -> Diagnostic:
-    """Return a key that is not a valid name or topic."""
+    """Return the diagnostic of a key that is not a valid name or topic."""
     form = violation.rule.names
     assert form is not None  # noqa: S101 - only such maps have names of a form
     path = (*violation.path, violation.key)
@@ -120,7 +121,7 @@ def _with_space(violation: Violation, key: str) -> tuple[str, str] | None:
 
 
 def too_many(violation: Violation) -> Diagnostic:
-    """Return a map or a list with more entries than a spec can have."""
+    """Return the diagnostic of a map or list with more entries than a spec can have."""
     node = violation.node
     number = len(node.entries) if isinstance(node, MapNode) else len(violation.value)
     what = violation.path[-1] if isinstance(node, MapNode) else "entries"
@@ -133,7 +134,7 @@ def too_many(violation: Violation) -> Diagnostic:
 
 
 def missing_names(violations: Sequence[Violation]) -> Iterator[tuple[Path, Diagnostic]]:
-    """Maps of named entries in which an entry is written without its name.
+    """Return diagnostics of maps of named entries in which an entry lacks its name.
 
     ``monitors: {topic: a, format: b}`` violates the schema twice; it is one mistake.
     """
@@ -326,7 +327,7 @@ _NOT_IN_FLOW = frozenset("[]{},#&*!|>'\"%@`:")
 
 
 def wrong_type(violation: Violation) -> Diagnostic:
-    """Return a value of another type than the schema requires."""
+    """Return the diagnostic of a value of another type than the schema requires."""
     if violation.value is None:
         return _missing_value(violation)
     # A whole document that is one text may be a file of secrets: it is not quoted.
@@ -408,7 +409,7 @@ def _integer_help(node: ScalarNode) -> tuple[str, str]:
 
 
 def invalid_choice(violation: Violation) -> Diagnostic:
-    """Return a word that is not one of the choices."""
+    """Return the diagnostic of a word that is not one of the choices."""
     words, value = violation.rule.words, violation.value
     meant = value.strip().casefold().replace("-", "_")
     of_key = next(
@@ -426,7 +427,7 @@ def invalid_choice(violation: Violation) -> Diagnostic:
 
 
 def pattern_mismatch(violation: Violation) -> Diagnostic:
-    """Text that does not match the required pattern."""
+    """Return the diagnostic of a text that does not match the required pattern."""
     form = violation.rule.pattern
     assert form is not None  # noqa: S101 - it was not matched
     better = repair_text(violation.value, form)
@@ -440,20 +441,20 @@ def pattern_mismatch(violation: Violation) -> Diagnostic:
 
 
 def out_of_range(violation: Violation) -> Diagnostic:
-    """Return a number below the minimum, or above the maximum."""
+    """Return the diagnostic of a number below the minimum, or above the maximum."""
     word = "least" if violation.keyword == "minimum" else "most"
     message = f"{violation.name} must be at {word} {violation.limit}, not {violation.value}"
     return violation.error("R2B107", message)
 
 
 def empty_value(violation: Violation) -> Diagnostic:
-    """Return an empty string, list or map that must not be empty."""
+    """Return the diagnostic of an empty string, list or map that must not be empty."""
     message = f"{violation.name} must not be empty"
     return violation.error("R2B108", message, _example_help(violation))
 
 
 def unsupported_version(violation: Violation) -> Diagnostic:
-    """Return a version of the language that this program does not support."""
+    """Return the diagnostic of a version of the language that is not supported."""
     version = violation.rule.const
     return violation.error(
         "R2B115",
@@ -464,7 +465,7 @@ def unsupported_version(violation: Violation) -> Diagnostic:
 
 
 def invalid_quantity_or_requirement(violation: Violation) -> Diagnostic:
-    """Return an invalid quantity or requirement, explained by the class that parses it."""
+    """Return the diagnostic of an invalid quantity or requirement, by its parser."""
     kind, value = violation.rule.quantity, violation.value
     assert kind is not None  # noqa: S101 - it has refused the value
     if value is None:
@@ -538,7 +539,7 @@ _TYPES = {
 
 
 def describe_value(value: object) -> str:
-    """Return a plain value in a message: ``the number 720``, ``a list``."""
+    """Describe a plain value for a message: ``the number 720``, ``a list``."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int | float):
@@ -551,14 +552,14 @@ def describe_value(value: object) -> str:
 
 
 def describe_type(rule: ValueRule) -> str:
-    """Return the type that a rule requires: ``a string``, ``a list``, ``a duration``."""
+    """Describe the type that a rule requires: ``a string``, ``a list``, ``a duration``."""
     if rule.is_parsed and rule.quantity is not None:
         return f"a {rule.quantity.kind}"
     return join_words([_TYPES[name] for name in rule.kinds]) or "a value"
 
 
 def comma_separated(words: Iterable[str]) -> str:
-    """Return the words, sixteen of them at most, separated by commas."""
+    """Return at most sixteen of the words, separated by commas."""
     return first_words([clip(word) for word in words], 16)
 
 

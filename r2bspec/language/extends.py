@@ -28,9 +28,9 @@ from r2bspec.safe_io.safe_file import is_regular, names_in
 
 
 def overlay(base: tree.MapNode, own: tree.MapNode) -> tree.MapNode:
-    """`own` merged over `base`; every value keeps the place where it is written.
+    """Merge `own` over `base`; every value keeps the place where it is written.
 
-    The keys of `base` come first, then the new ones. A null for a key that `base` does not have is
+    The keys of `base` come first, then the new keys. A null for a key that `base` does not have is
     kept, so that it is reported like any key without a value.
     """
     entries = dict(base.entries)

@@ -1,9 +1,9 @@
-"""The JSON Schema of the language, made of its declaration.
+"""The JSON Schema of the language, generated from its declaration.
 
-It has two forms. The published one is for text, in editors and other tools: it is plain draft-07,
+It has two forms. The published form is for text, in editors and other tools: it is plain draft-07,
 accepts ``$(var x)`` and ``$(env X)`` for every scalar, ignores ``x-`` keys, accepts null in maps
-with 'extends', and describes everything. The other one is for a resolved document, which has no
-references and nothing to remove: `r2bspec.language.structure` validates specs with it.
+with 'extends', and describes everything. The other form is for a resolved document, which has no
+references and no keys to remove: `r2bspec.language.structure` validates specs with it.
 """
 
 from __future__ import annotations

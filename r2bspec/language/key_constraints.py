@@ -1,7 +1,7 @@
 """Constraints between keys: which exclude each other, need each other, or have no effect.
 
 JSON Schema's ``oneOf`` could express some of them, but its messages are hard to understand, and
-completion with it is poor. They are looked for in the tree, so that they are found in a document
+completion with it is poor. They are checked on the tree, so that they are reported in a document
 with other mistakes, too.
 """
 
@@ -37,7 +37,7 @@ _SHARED: Final = Refusal("it shares its process with other nodes", "move it to t
 def key_constraint_errors(
     root: tree.TreeNode, violations: Sequence[Diagnostic] = ()
 ) -> Iterator[Diagnostic]:
-    """Violated constraints of a document.
+    """Return diagnostics of the violated constraints of a document.
 
     Args:
         root: the document.

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def gc_paused() -> Iterator[None]:
-    """Pause the collector.
+    """Pause the garbage collector for the block.
 
     Reading creates many values and no cycles: the collector would traverse them all repeatedly and
     free nothing. Their number is limited (`r2bspec.language.yaml_document`).
@@ -74,7 +74,7 @@ _MISSING_FILE_CODES = (
 
 @dataclass(frozen=True, slots=True)
 class LoadedSpec:
-    """A document, or one case of its matrix: its values as far as they are known, and its errors.
+    """A document, or a case of its matrix: its values as far as they are known, and its errors.
 
     Attributes:
         file: the name of the file as the user gave it; spans in it use that name.
@@ -101,7 +101,7 @@ class LoadedSpec:
 
     @property
     def case(self) -> str:
-        """Which case of the matrix this is, such as ``threads=2``; empty without a matrix."""
+        """The name of the case of the matrix, such as ``threads=2``; empty without a matrix."""
         return self.matrix_case.name if self.matrix_case is not None else ""
 
     @property
@@ -136,14 +136,14 @@ class LoadedSpec:
         return {name: source.text for name, source in self.sources.items()}
 
     def resolved_yaml(self) -> str:
-        """The document as YAML: one case, with files, options, variables and merges applied."""
+        """Return the case as YAML, with files, options, variables and merges applied."""
         return to_yaml(located_tree.to_plain(self.tree)) if self.tree is not None else ""
 
 
 def load_spec(source: FilePath | str | bytes, **options: Unpack[LoadOptions]) -> LoadedSpec:
-    """Load one spec. Never raises because of the content: all problems are in `diagnostics`.
+    """Load a spec. Never raises because of the content: all problems are in `diagnostics`.
 
-    Of a document with a matrix, one case is loaded. If it has several, `case` must select one.
+    For a document with a matrix, one case is loaded. If it has several, `case` must select one.
 
     Args:
         source: the path of a file (``Path("-")`` is standard input), or the text itself.
@@ -164,7 +164,7 @@ def load_spec(source: FilePath | str | bytes, **options: Unpack[LoadOptions]) ->
 def load_cases(
     source: FilePath | str | bytes, **options: Unpack[LoadOptions]
 ) -> tuple[LoadedSpec, ...]:
-    """Load every case of a spec, or the one that `case` names; without a matrix, the spec itself.
+    """Load every case of a spec, or the named `case`; without a matrix, the spec itself.
 
     The arguments are those of `load_spec`. There is always at least one result: if the matrix
     itself is invalid, the document without a case.

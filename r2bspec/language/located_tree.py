@@ -20,7 +20,7 @@ ScalarValue = bool | int | float | str | None
 
 
 class ScalarNode(msgspec.Struct, frozen=True, gc=False):
-    """A single value.
+    """A scalar value.
 
     Attributes:
         value: the value of the text.
@@ -51,7 +51,7 @@ class UnknownNode(msgspec.Struct, frozen=True, gc=False):
 
 
 class Entry(msgspec.Struct, frozen=True, gc=False):
-    """A key with its value. `key_resolved` is False where substitution in the key failed."""
+    """A key with its value. `key_resolved` is False if substitution in the key failed."""
 
     key_span: Span
     value: TreeNode
@@ -83,17 +83,17 @@ def child(node: TreeNode | None, part: str | int) -> TreeNode | None:
 
 
 def entries_of(node: TreeNode | None) -> Mapping[str, Entry]:
-    """Return the entries of a map; of anything else none."""
+    """Return the entries of a map; an empty result for anything else."""
     return node.entries if isinstance(node, MapNode) else {}
 
 
 def items_of(node: TreeNode | None) -> Sequence[TreeNode]:
-    """Return the items of a list; of anything else none."""
+    """Return the items of a list; an empty result for anything else."""
     return node.items if isinstance(node, ListNode) else ()
 
 
 def text_of(node: TreeNode | None) -> str:
-    """Return the text that a node is; empty for anything else."""
+    """Return the text of a text node; empty for anything else."""
     return node.value if isinstance(node, ScalarNode) and isinstance(node.value, str) else ""
 
 
@@ -138,7 +138,7 @@ def replace_at(
 
 
 def count_values(root: TreeNode) -> int:
-    """Return how many values a tree has, those that an alias repeats each time."""
+    """Return the number of values of a tree, counting those of an alias each time."""
     counts: dict[int, int] = {}
 
     def count(node: TreeNode) -> int:
@@ -150,7 +150,7 @@ def count_values(root: TreeNode) -> int:
 
 
 def without(node: MapNode, key: str) -> MapNode:
-    """Return the map without one of its keys."""
+    """Return the map without a key."""
     entries = {name: entry for name, entry in node.entries.items() if name != key}
     return MapNode(entries, node.span)
 

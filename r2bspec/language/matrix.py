@@ -38,7 +38,7 @@ Values = Mapping[str, tree.ScalarNode]
 
 
 class MatrixCase(msgspec.Struct, frozen=True):
-    """One case: its name, its values, and its place in the document."""
+    """A case: its name, its values, and its place in the document."""
 
     name: str
     values: Values
@@ -208,7 +208,7 @@ def merge_case_findings(
 ) -> list[Diagnostic]:
     """Return the findings of all cases, sorted by place.
 
-    A finding that several cases share is reported once. One that only some cases have names them,
+    A finding that several cases share is reported once. If only some cases have it, it names them,
     with the place where their values are chosen.
 
     Args:

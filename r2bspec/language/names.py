@@ -1,6 +1,6 @@
-"""The forms of names and references, each with a message for an invalid one, and their types.
+"""The types of names and references: their patterns, and messages for invalid names.
 
-A type such as `Topic` is a string for everybody but the language, where it brings its pattern.
+A type such as `Topic` is an ordinary string outside of the language, where it has its pattern.
 """
 
 from typing import Annotated

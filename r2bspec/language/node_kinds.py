@@ -1,8 +1,8 @@
-"""The kinds of node: the keys that say each, and what the rest of the program has to know of it.
+"""The kinds of node: the keys that mark each kind, and its traits.
 
-Another kind is an entry of `NODE_KINDS`, its keys in `r2bspec.language.spec_graph.Node`, its
-snippet in ``snippets.yaml``, and its command line in `r2bspec.plan.command_lines`. A kind that runs
-inside a process of the harness has also a case in `r2bspec.harness.node_host`.
+A new kind is an entry of `NODE_KINDS`, its keys in `r2bspec.language.spec_graph.Node`, its snippet
+in ``snippets.yaml``, and its command line in `r2bspec.plan.command_lines`. A kind that runs inside
+a process of the harness also has a case in `r2bspec.harness.node_host`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Refusal(msgspec.Struct, frozen=True):
 
 
 class NodeKind(msgspec.Struct, frozen=True, eq=False):
-    """One kind of node.
+    """A kind of node.
 
     Attributes:
         keys: the keys that together say that a node is of this kind. Kinds that share their first
@@ -55,12 +55,12 @@ class NodeKind(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def group(self) -> str:
-        """The key that it shares with kinds that are written alike, or its only one."""
+        """The key that it shares with similar kinds, or its only key."""
         return self.keys[0]
 
     @property
     def marker(self) -> str:
-        """The key that tells it from the kinds that are written alike."""
+        """The key that distinguishes it from similar kinds."""
         return self.keys[-1]
 
     @property
@@ -162,7 +162,7 @@ NODE_KIND_KEYS: Final = tuple(dict.fromkeys(key for kind in NODE_KINDS for key i
 
 
 def kind_of(values: object) -> NodeKind:
-    """Return the kind of a node whose keys are attributes; of nothing that says any, a command."""
+    """Return the kind of a node whose keys are attributes; a command if no key marks a kind."""
     return next(
         (kind for kind in NODE_KINDS if all(getattr(values, key) for key in kind.keys)), COMMAND
     )
@@ -174,7 +174,7 @@ def kinds_text() -> str:
 
 
 def kinds_help() -> str:
-    """The same as a way out: kinds that are written alike together, and truth values written."""
+    """Return the kinds as a hint, with similar kinds together and the values of markers."""
     groups = {group: members(group) for group in dict.fromkeys(kind.group for kind in NODE_KINDS)}
     return _one_of([_written(group, kinds) for group, kinds in groups.items()])
 

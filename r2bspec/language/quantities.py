@@ -113,7 +113,7 @@ class Quantity:
 
     @classmethod
     def units_text(cls) -> str:
-        """Return the units in a sentence: ``the unit of a share is %``."""
+        """Return a clause on the units: ``the unit of a share is %``."""
         if len(cls.units) == 1:
             return f"the unit of a {cls.kind} is {next(iter(cls.units))}"
         return f"the units of a {cls.kind} are {', '.join(cls.units)}"
@@ -272,7 +272,7 @@ class Share(Quantity):
 
     @property
     def fraction(self) -> float:
-        """The value as a fraction of one."""
+        """The value as a fraction of 1."""
         return self._value
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""The resolve pass: one case of a document, without references, notes and its matrix.
+"""The resolve pass: a case of a document, without references, notes and its matrix.
 
 The rules:
 
@@ -44,7 +44,7 @@ _MATRIX = "matrix"
 
 
 class Resolver:
-    """One case of a document: its resolved tree, its problems, and the variables that it uses.
+    """A case of a document: its resolved tree, its problems, and the variables that it uses.
 
     Args:
         root: the document.
@@ -101,7 +101,7 @@ class Resolver:
         return node
 
     def walk(self, node: TreeNode, rule: ValueRule | None) -> TreeNode:
-        """Substitute below a node with its rule; None is that of an unknown key."""
+        """Substitute below a node with its rule; the rule is None for an unknown key."""
         if rule is None:
             return node
         if isinstance(node, ScalarNode):

@@ -1,4 +1,4 @@
-"""Which environment variables hold secrets: their values are not written into any record."""
+"""The environment variables that hold secrets: their values are not written into any record."""
 
 from __future__ import annotations
 

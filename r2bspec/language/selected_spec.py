@@ -1,4 +1,4 @@
-"""Which spec is meant: its file, the values given from outside, its case, and what it may read."""
+"""The selection of a spec: its file, values from outside, its case, and allowed folders."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class SelectionValues(TypedDict, total=False):
 
 
 class LoadOptions(SelectionValues, total=False):
-    """What decides besides a text what is in a spec.
+    """The options that, besides the text, determine the content of a spec.
 
     Attributes:
         file: the name of a text; its folder is that of the spec.
@@ -36,7 +36,7 @@ class LoadOptions(SelectionValues, total=False):
 
 @dataclass(frozen=True)
 class SpecSelection:
-    """A spec, with everything from outside that decides what is in it.
+    """A spec, with everything from outside that determines its content.
 
     Attributes:
         spec: the file; or a plan, where a plan is taken.
@@ -60,7 +60,7 @@ class SpecSelection:
         return load_spec(self.spec, **self._values())
 
     def load_cases(self) -> tuple[LoadedSpec, ...]:
-        """Return every case of the spec, or the selected one."""
+        """Return every case of the spec, or the selected case."""
         from r2bspec.language.load_spec import load_cases
 
         return load_cases(self.spec, **self._values())
@@ -75,7 +75,7 @@ class SpecSelection:
 
 
 def select(spec: SpecSelection | Path | str, values: SelectionValues) -> SpecSelection:
-    """A selection from a path, or from another selection of which `values` replace fields."""
+    """Return a selection from a path, or from another selection with some fields replaced."""
     if isinstance(spec, SpecSelection):
         return replace(spec, **values)
     return SpecSelection(Path(spec), **values)

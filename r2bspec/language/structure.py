@@ -1,9 +1,8 @@
 """The structure of a resolved document: jsonschema decides, and what is valid becomes a value.
 
-The schema is made of the declaration (`r2bspec.language.json_schema`). What it refuses is a
+The schema is generated from the declaration (`r2bspec.language.json_schema`). What it refuses is a
 `Violation`: the error of jsonschema with the rule of its place and the located value, so everything
-that a message needs. Messages are made only where there is something to say, by
-`r2bspec.language.explain_violations`.
+that a message needs. `r2bspec.language.explain_violations` turns violations into messages.
 
 A value that is unknown, because a variable or an alias failed, violates nothing: the reason has
 been reported.
@@ -50,7 +49,7 @@ _MAX_ERRORS: Final = 2 * MAX_PROBLEMS
 
 
 class Violation(msgspec.Struct, frozen=True):
-    """A place in the document, and what it violates of its rule.
+    """A place in the document, and how it violates its rule.
 
     Attributes:
         path: of the value, or of the map whose key is wrong, as messages show it.
@@ -118,7 +117,7 @@ def read_value(
     sources: Mapping[str, Source] | None = None,
     path: Path = (),
 ) -> tuple[Any, Sequence[Violation]]:
-    """Return the value of a tree, or `INVALID`; and what it violates.
+    """Return the value of a tree, or `INVALID`, and its violations.
 
     Args:
         root: the tree.

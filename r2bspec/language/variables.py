@@ -73,7 +73,7 @@ class MalformedReference(msgspec.Struct, frozen=True):
 
 
 def references(text: str) -> Iterator[Reference | MalformedReference]:
-    """Everything in `text` that begins with ``$(``, from left to right."""
+    """Return every reference in `text`: all that begins with ``$(``, from left to right."""
     at = text.find(OPENING)
     while at >= 0:
         match = _REFERENCE.match(text, at)
@@ -126,7 +126,7 @@ def listed_environment(root: TreeNode) -> dict[str, ScalarNode]:
 
 
 def declared_value(declared: TreeNode) -> TreeNode | None:
-    """Return the value of a variable, declared as a map or not; None if it has none."""
+    """Return the value of a variable, declared as a map or not; None if it has no value."""
     if not isinstance(declared, MapNode):
         return declared
     for key in _VALUE_KEYS:
@@ -146,7 +146,7 @@ def with_value(declared: TreeNode, value: TreeNode) -> TreeNode:
 
 
 def with_variables(root: TreeNode, values: Mapping[str, TreeNode]) -> TreeNode:
-    """Return the document with other values for those variables that it declares."""
+    """Return the document with other values for the variables that it declares."""
     for name, entry in entries_of(child(root, "variables")).items():
         if name in values:
             root = replace_at(root, ("variables", name), with_value(entry.value, values[name]))
@@ -154,7 +154,7 @@ def with_variables(root: TreeNode, values: Mapping[str, TreeNode]) -> TreeNode:
 
 
 def is_declared_text(declared: TreeNode) -> bool:
-    """Whether a variable is declared as a string, so that a value such as 010 is a string."""
+    """Return True if a variable is declared as a string, so that 010 is a string."""
     return text_of(child(declared, "type")) == "string"
 
 
@@ -284,7 +284,7 @@ def _apply_set(document: Document, text: str) -> None:
 def missing_step(
     root: TreeNode | None, path: Path, *, sets_map: bool = False
 ) -> tuple[int, str] | None:
-    """Return the position of the first step that a document lacks and that cannot be added.
+    """Return the index of the first step that a document lacks and that cannot be added.
 
     Args:
         root: the document.

@@ -253,7 +253,7 @@ _CParser: Any = getattr(getattr(yaml, "cyaml", None), "CParser", None)
 
 
 class ComposeResult(msgspec.Struct, frozen=True):
-    """The tree, or None if the text is no document; and its problems, with those of the source."""
+    """The tree, or None if the text is no document, and its problems with those of the source."""
 
     tree: TreeNode | None
     diagnostics: tuple[Diagnostic, ...]

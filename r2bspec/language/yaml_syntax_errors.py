@@ -1,4 +1,4 @@
-"""YAML syntax errors: the parser's message at its place, and hints for the four usual mistakes.
+"""YAML syntax errors: the parser's message at its place, with hints for the four usual mistakes.
 
 The messages of libyaml and of PyYAML's pure Python scanner differ; both are recognised.
 """

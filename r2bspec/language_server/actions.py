@@ -1,8 +1,8 @@
-"""What an editor offers to do with a spec: about its findings, and with commands.
+"""The actions that an editor offers for a spec: fixes of findings, and commands.
 
 Quick fixes are the safe edits of findings, waivers, and commands that record what is unknown.
-Lenses offer commands above a spec. A command is the command line, in a process; an editor that has
-a terminal may register the same names and run them itself.
+Lenses offer commands above a spec. A command is a command line, run in a process; an editor with a
+terminal may register the same names and run them itself.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def _command(title: str, name: str, path: Path, **about: str) -> types.Command:
 
 
 async def run_command(name: str, about: Mapping[str, str], folder: Path) -> tuple[int, str]:
-    """Run a command; returns its exit status, and what it printed.
+    """Run a command, and return its exit status and its output.
 
     Args:
         name: one of `COMMANDS`.
@@ -78,7 +78,7 @@ _MAX_CASES: Final = 8
 
 
 def code_lenses(analysis: Analysis, positions: TextPositions) -> Iterator[types.CodeLens]:
-    """Yield the lenses of a document: of each case one line."""
+    """Yield the lenses of a document: a line for each case."""
     if analysis.context is None:
         return
     # The name may be in an extended file: the lenses are at the beginning of this one then.
@@ -99,7 +99,7 @@ REQUEST: Final = "r2bspec/cases"
 
 
 def spec_cases(path: Path, text: str, unsaved: Mapping[Path, str]) -> list[dict[str, Any]]:
-    """Return the cases of a text, of one with errors those that can be told.
+    """Return the cases of a text; of a text with errors, as far as they can be determined.
 
     Each has the name of the benchmark with its case, the case as ``--case`` takes it, and the line
     of the name in the spec, from 0.
@@ -131,7 +131,7 @@ _UNREADABLE = ("R2B0", "R2B1")
 def code_actions(
     analysis: Analysis, positions_of: PositionsOf, where: types.Range
 ) -> list[types.CodeAction]:
-    """Return what can be done about the findings in a range, and about the node there."""
+    """Return the actions for the findings in a range, and for the node there."""
     positions = positions_of(str(analysis.path))
     start, end = positions.offset(where.start), positions.offset(where.end)
     here = [

@@ -1,7 +1,7 @@
 """What the compiler knows about documents: the open texts, and the newest analysis of each.
 
-An analysis belongs to one version of the texts: its cases, contexts and findings. One that is
-finished after a text has changed again is dropped, so that nothing stale is shown.
+An analysis belongs to one version of the texts: its cases, contexts and findings. An analysis that
+is finished after a text has changed again is dropped, so that nothing stale is shown.
 
 While a spec is being written, it is never valid. To complete names from its bag and its nodes, what
 is wrong is left out and what is missing is filled in with the examples of the schema, until the
@@ -37,7 +37,7 @@ _MAX_ROUNDS: Final = 8
 
 
 def tentative_context(loaded: LoadedSpec) -> Context | None:
-    """Return the context of what is written, as far as it can be made valid; None if it cannot.
+    """Return the context of the valid part of a document; None if no part is valid.
 
     Args:
         loaded: the document, with errors.
@@ -110,7 +110,7 @@ def _example(rule: ValueRule) -> Any:
 
 @dataclass(frozen=True)
 class Analysis:
-    """One version of a document.
+    """The analysis of one version of a document.
 
     Attributes:
         path: of the file, absolute.
@@ -128,17 +128,17 @@ class Analysis:
 
     @property
     def loaded(self) -> LoadedSpec:
-        """The first case: what editors show of a document with several."""
+        """The first case: what editors show of a document with several cases."""
         return self.cases[0]
 
     @property
     def context(self) -> Context | None:
-        """The context of the first case that has one."""
+        """The context of the first case that has a context."""
         return next((context for context in self.contexts if context is not None), None)
 
     @cached_property
     def known(self) -> Context | None:
-        """The context, or, of a spec with errors, that of the rest; for what is proposed."""
+        """The context; for a spec with errors, that of its valid part, for proposals."""
         if (
             self.context is None
             and len(self.text) * _MAX_ROUNDS <= limits.MAX_EDITOR_PARSED_CHARACTERS
@@ -153,7 +153,7 @@ class Analysis:
 
     @cached_property
     def written(self) -> Mapping[str, TreeNode]:
-        """Each file as it is written: before anything is extended or substituted."""
+        """The text of each file, before anything is extended or substituted."""
         trees = {name: compose(source).tree for name, source in self.sources.items()}
         return {name: tree for name, tree in trees.items() if tree is not None}
 
@@ -200,12 +200,12 @@ class OpenDocument:
 
     @cached_property
     def is_spec(self) -> bool:
-        """Whether it is a spec, and not a part that only others extend."""
+        """Whether it is a spec, not a part that only others extend."""
         return _IS_SPEC.search(self.text) is not None
 
 
 class OpenSpecs:
-    """Documents by path, and what is known of those that are specs."""
+    """Documents by path, and the analyses of those that are specs."""
 
     def __init__(self) -> None:
         self._documents: dict[Path, OpenDocument] = {}
@@ -214,18 +214,18 @@ class OpenSpecs:
         self.generation = 0
 
     def change(self, path: Path, text: str, version: int | None = None, uri: str = "") -> None:
-        """Take over a text that was opened or changed."""
+        """Store a text that was opened or changed."""
         self.generation += 1
         self._documents[path] = OpenDocument(text, version, uri, _resolved(path))
 
     def close(self, path: Path) -> None:
-        """Forget a text; what is on disk counts again."""
+        """Forget a text; the file on disk counts again."""
         self.generation += 1
         for documents in (self._documents, self._latest, self._valid):
             documents.pop(path, None)
 
     def touch(self) -> None:
-        """Take notice that a file on disk has changed."""
+        """Note that a file on disk has changed."""
         self.generation += 1
 
     def text(self, path: Path) -> str | None:
@@ -238,7 +238,7 @@ class OpenSpecs:
         return self._documents.get(path)
 
     def specs(self) -> list[Path]:
-        """Return the open documents that are specs, and not parts that only others extend."""
+        """Return the open documents that are specs, not parts that only others extend."""
         return [path for path, document in self._documents.items() if document.is_spec]
 
     def analyse(self, path: Path) -> Analysis:
@@ -248,24 +248,24 @@ class OpenSpecs:
         return analyse(path, text, self.unsaved())
 
     def keep(self, analysis: Analysis) -> None:
-        """Keep an analysis as the newest one of its document."""
+        """Keep an analysis as the newest of its document."""
         self._latest[analysis.path] = analysis
         if analysis.context is not None:
             self._valid[analysis.path] = analysis
 
     def latest(self, path: Path) -> Analysis | None:
-        """Return the newest analysis; of an older text while a newer one is being analysed."""
+        """Return the newest analysis; that of an older text while a newer text is analysed."""
         return self._latest.get(path)
 
     def latest_known(self, path: Path) -> Analysis | None:
-        """Return the newest analysis from which names can be proposed; otherwise the newest."""
+        """Return the newest analysis from which names can be proposed, else the newest."""
         latest = self._latest.get(path)
         if latest is None or latest.known is not None:
             return latest
         return self._valid.get(path, latest)
 
     def affected_by(self, path: Path) -> list[Path]:
-        """Return the open specs of which the findings may change with a document."""
+        """Return the open specs whose findings may change with a document."""
         specs = self.specs()
         readers = [
             spec
@@ -278,13 +278,13 @@ class OpenSpecs:
         return specs
 
     def current(self, path: Path) -> Analysis:
-        """Return the analysis of the newest text; made now if there is none."""
+        """Return the analysis of the newest text, which is made if there is none."""
         if not self.is_analysed(path):
             self.keep(self.analyse(path))
         return self._latest[path]
 
     def is_analysed(self, path: Path) -> bool:
-        """Return whether the newest text of a document is the one that was analysed."""
+        """Return True if the newest text of a document was analysed."""
         latest = self._latest.get(path)
         return latest is not None and latest.text == self.text(path)
 

@@ -54,7 +54,7 @@ def snippet_text(body: Mapping[str, Any]) -> str:
 def key_snippet(key: str, rule: ValueRule) -> str:
     """Return a key with room for its value below it.
 
-    Empty where the value follows on the same line.
+    Empty if the value follows on the same line.
 
     Args:
         key: the key.
@@ -106,7 +106,7 @@ def complete(
     position: types.Position,
     client: ClientCapabilities,
 ) -> list[types.CompletionItem]:
-    """Return what can be written at a position.
+    """Return the completions at a position.
 
     Args:
         analysis: of the latest version that was valid; it may be older than the text.

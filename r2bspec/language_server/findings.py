@@ -42,7 +42,7 @@ def diagnostics_by_file(
 
 
 def to_diagnostic(each: Diagnostic, file: str, positions_of: PositionsOf) -> types.Diagnostic:
-    """One finding."""
+    """Convert a finding."""
     span = each.span if each.span.file == file else Span.of_file(file)
     return types.Diagnostic(
         range=positions_of(file).range(_visible(span)),
@@ -73,7 +73,7 @@ def uri(file: str) -> str:
 
 
 def is_file(name: str) -> bool:
-    """Return whether a span is in a file, and not in an option or the environment."""
+    """Return True if a span is in a file, not in an option or the environment."""
     return name.startswith("/")
 
 

@@ -1,4 +1,4 @@
-"""Hovers: what is said about the word under the pointer, as Markdown."""
+"""Hovers: the description of the word under the pointer, as Markdown."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from r2bspec.plan.wiring.wiring import WiredEndpoint
 def hover(
     analysis: Analysis, positions: TextPositions, position: types.Position
 ) -> types.Hover | None:
-    """Return the documentation of what is at a position; None if there is nothing to say."""
+    """Return the documentation of the word at a position; None if there is none."""
     tree = analysis.loaded.tree
     if tree is None:
         return None

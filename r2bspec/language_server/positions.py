@@ -1,7 +1,7 @@
-"""Positions in a text, of the compiler and of the protocol, and where in a document the cursor is.
+"""Positions in a text, of the compiler and of the protocol, and the cursor in a document.
 
 The compiler counts lines as YAML does and columns in characters, both from 1. The protocol counts
-of the negotiated encoding: UTF-16 code units by default. An offset is in characters.
+in the negotiated encoding: UTF-16 code units by default. An offset is in characters.
 
 The cursor may be in a text that is not valid: the word at the cursor is replaced by a marker and
 the text is parsed; where the marker is in the tree tells the path, and whether a key or a value is
@@ -57,7 +57,7 @@ def _characters(line: str, units: int, encoding: str) -> int:
 
 
 class TextPositions:
-    """The positions in one text.
+    """The positions in a text.
 
     Args:
         text: of the document.
@@ -90,7 +90,7 @@ class TextPositions:
         return min(self._yaml_starts[max(line, 1) - 1] + column - 1, len(self.text))
 
     def place(self, position: types.Position) -> tuple[int, int]:
-        """The line and the column of a position of the protocol, as the compiler counts them."""
+        """Return line and column of a position of the protocol, as the compiler counts them."""
         offset = self.offset(position)
         line = bisect_right(self._yaml_starts, max(offset, self._skipped))
         return line, offset - self._yaml_starts[line - 1] + 1
@@ -121,14 +121,14 @@ class TextPositions:
         return types.Range(self.position(start), self.position(end))
 
     def offsets(self, span: Span) -> tuple[int, int]:
-        """Return the offsets of a span: its first character, and the one after its last."""
+        """Return the offsets of a span: of its first character, and behind its last."""
         return (
             self.offset_of_place(span.line, span.column),
             self.offset_of_place(span.end_line, span.end_column),
         )
 
     def line_at(self, offset: int) -> tuple[int, int]:
-        """The offsets of the beginning and the end, without its break, of the line at an offset."""
+        """Return the offsets of the line at an offset, without its line break."""
         line = bisect_right(self._starts, offset) - 1
         return self._starts[line], self._line_end(line)
 
@@ -142,7 +142,7 @@ def _line_starts(line_break: re.Pattern[str], text: str, first: int) -> list[int
 
 
 def walk(tree: TreeNode, path: Path = ()) -> Iterator[tuple[Path, Span | None, TreeNode]]:
-    """Every value in the order of the document, with its path and the place of its key, if any."""
+    """Yield every value in document order, with its path and the place of its key, if any."""
     below: Iterable[tuple[str | int, Span | None, TreeNode]] = ()
     if isinstance(tree, MapNode):
         below = ((key, entry.key_span, entry.value) for key, entry in tree.entries.items())
@@ -167,7 +167,7 @@ class DocumentPlace:
 
 
 def place_at(tree: TreeNode, file: str, place: tuple[int, int]) -> DocumentPlace | None:
-    """Return the innermost key or value at a place; None where there is none, as in a comment."""
+    """Return the innermost key or value at a place; None if there is none, as in a comment."""
 
     def contains(span: Span) -> bool:
         start, end = (span.line, span.column), (span.end_line, span.end_column)
@@ -215,7 +215,7 @@ class CursorContext:
 
 
 def cursor_context(text: str, offset: int) -> CursorContext | None:
-    """Return the context of the cursor at an offset; None in a comment, or where nothing fits.
+    """Return the context of the cursor at an offset; None in a comment, or if nothing fits.
 
     None, too, in a text that is too long to be parsed with every key press.
     """
@@ -308,7 +308,7 @@ def _marked(tree: TreeNode) -> tuple[Path, bool, str, frozenset[str]] | None:
 
 @dataclass(frozen=True, slots=True)
 class CompletionProposal:
-    """One thing that can be written.
+    """A text that can be inserted.
 
     Attributes:
         label: what is shown, and inserted if `insert` is empty.

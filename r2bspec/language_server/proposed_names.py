@@ -1,7 +1,7 @@
-"""Names of a spec, of its bag and of its nodes that can be written, and which value takes which.
+"""Names of a spec, of its bag and of its nodes as proposals, and which value takes which names.
 
 Each source is a function of the analysis and the path; a table names the paths that it serves.
-Message types are that of the topic first, then those that are known.
+Message types are those of the topic first, then all known types.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ ProposalSource = Callable[[Analysis, CursorContext], Iterator[CompletionProposal
 
 
 def message_types(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """Message types: of the topic in the same map, of the spec, of this machine."""
+    """Yield message types: of the topic in the same map, of the spec, of this machine."""
     known = analysis.known
     if known is not None:
         owner = context.path[:-1]
@@ -134,7 +134,7 @@ def _owners(topic: str, ends: Iterable[Any]) -> Iterator[str]:
 
 
 def input_topics(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """Yield the topics that the graph needs and does not publish; then those that are loaded."""
+    """Yield the topics that the graph needs and does not publish, then the loaded topics."""
     spec_context = analysis.known
     if spec_context is None:
         return
@@ -193,7 +193,7 @@ def containers(analysis: Analysis, _: CursorContext) -> Iterator[CompletionPropo
 
 
 def lever_paths(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """Yield the paths of what a search can vary: parameters of nodes, and threads of processes."""
+    """Yield the paths that a search can vary: parameters of nodes, and threads of processes."""
     known = analysis.known
     for node in known.wiring.measure.nodes if known is not None else ():
         names = [f"parameters.{name}" for name in node.interface.parameters or {}]
@@ -210,7 +210,7 @@ def variables(analysis: Analysis, _: CursorContext) -> Iterator[CompletionPropos
 
 
 def inputs(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """Yield the inputs of the player; of a live graph, what monitors see."""
+    """Yield the inputs of the player; for a live graph, the topics of monitors."""
     spec = analysis.known.spec if analysis.known is not None else None
     for name in spec.playback.inputs if spec is not None else ():
         yield _topic(name, "input")
@@ -226,7 +226,7 @@ def rates(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
 
 
 def parameter_values(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """Yield the default of the parameter that is written."""
+    """Yield the default of the parameter at the cursor."""
     node = _node_at(analysis, context.path)
     known = (node.interface.parameters or {}) if node is not None else {}
     info = known.get(str(context.path[-1]))
@@ -237,14 +237,14 @@ def parameter_values(analysis: Analysis, context: CursorContext) -> Iterator[Com
 
 
 def axes(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """Yield the variables of the matrix: those that cases differ in."""
+    """Yield the variables of the matrix, in which cases differ."""
     for name in _axes(analysis):
         detail = ", ".join(_texts(_axes(analysis)[name]))
         yield CompletionProposal(name, detail, kind=types.CompletionItemKind.Variable, order=3)
 
 
 def axis_values(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """Yield the values of the variable that is written, in the cases of the matrix."""
+    """Yield the values of the variable at the cursor in the cases of the matrix."""
     for text in _texts(_axes(analysis).get(str(context.path[-1]))):
         yield CompletionProposal(
             text, "of a case", kind=types.CompletionItemKind.EnumMember, order=3

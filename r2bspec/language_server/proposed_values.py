@@ -1,6 +1,6 @@
 """Values that do not come from the spec: files and packages of this machine, and requirements.
 
-Of a requirement or a quantity, metrics, operators, bounds and units can be written.
+In a requirement or a quantity, it proposes metrics, operators, bounds and units.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _MAX_FILES: Final = 200
 
 
 def recordings(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """Datasets, and the recordings in the folder of the spec."""
+    """Yield datasets, and the recordings in the folder of the spec."""
     home = analysis.path.parent
     for metadata in sorted(home.glob("*/metadata.yaml"))[:_MAX_FILES]:
         # With './' before it, it is not taken for the name of a dataset.
@@ -48,7 +48,7 @@ def recordings(analysis: Analysis, _: CursorContext) -> Iterator[CompletionPropo
 
 
 def python_classes(analysis: Analysis, _: CursorContext) -> Iterator[CompletionProposal]:
-    """The reference nodes, and the classes in Python files next to the spec, without imports."""
+    """Yield the reference nodes, and the classes in Python files next to the spec."""
     for name in reference_node_interfaces():
         yield CompletionProposal(
             name, "reference node", kind=types.CompletionItemKind.Class, order=300
@@ -143,7 +143,7 @@ def quantities(rule: ValueRule, before: str) -> Iterator[CompletionProposal]:
 
 
 def requirements(analysis: Analysis, context: CursorContext) -> Iterator[CompletionProposal]:
-    """Metrics; after a metric the operators; after an operator the bounds with their units."""
+    """Yield metrics; after a metric, operators; after an operator, bounds with their units."""
     words = context.before.split()
     ends_in_space = context.before.endswith(" ")
     if not words or (len(words) == 1 and not ends_in_space):

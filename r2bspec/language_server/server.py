@@ -37,7 +37,7 @@ MAX_WAIT_S: Final = 0.5
 
 
 class SpecLanguageServer(LanguageServer):
-    """The server of one editor: open documents, their analyses, and the published findings."""
+    """The server of an editor: open documents, their analyses, and the published findings."""
 
     def __init__(self) -> None:
         super().__init__("r2bspec", __version__)
@@ -48,7 +48,7 @@ class SpecLanguageServer(LanguageServer):
         self._published: dict[str, frozenset[str]] = {}
 
     def text_of(self, path: Path) -> str:
-        """Return the text of a file: as it is open, or what is on disk; empty if there is none."""
+        """Return the text of a file: the open text, or that on disk; empty if there is none."""
         text = self.specs.text(path)
         if text is None:
             with contextlib.suppress(OSError, RefusedFileError):
@@ -56,7 +56,7 @@ class SpecLanguageServer(LanguageServer):
         return text or ""
 
     def positions_of(self, file: str) -> TextPositions:
-        """Return the positions in a file: of its open text, or of what is on disk."""
+        """Return the positions in a file: in its open text, or in that on disk."""
         text = self.text_of(Path(file))
         # A long text has many findings, each with its positions.
         if self._positions.text is not text:
@@ -70,12 +70,12 @@ class SpecLanguageServer(LanguageServer):
 
     @property
     def folder(self) -> Path:
-        """The folder in which commands run: the first one of the workspace."""
+        """The folder in which commands run: the first folder of the workspace."""
         root = self.workspace.root_path
         return Path(root) if root else Path.cwd()
 
     def update(self, document_uri: str) -> None:
-        """Take over the text of an open document, and analyse what it belongs to."""
+        """Store the text of an open document, and analyse the specs that it belongs to."""
         document = self.workspace.get_text_document(document_uri)
         self.change(path_of(document_uri), document.source, document.version, document_uri)
 
@@ -85,12 +85,12 @@ class SpecLanguageServer(LanguageServer):
         self.analyse_soon(path)
 
     def close(self, path: Path) -> None:
-        """Forget a document; what is on disk counts again."""
+        """Forget a document; the file on disk counts again."""
         self.specs.close(path)
         self.analyse_soon()
 
     def files_changed(self) -> None:
-        """Take notice that files on disk have changed."""
+        """Note that files on disk have changed."""
         self.specs.touch()
         self.analyse_soon()
 
@@ -103,7 +103,7 @@ class SpecLanguageServer(LanguageServer):
     async def settled(self, path: Path, limit_s: float = math.inf) -> None:
         """Wait until the newest text of a spec is analysed, or nothing is left to analyse.
 
-        What has just been accepted, such as a recording, decides what is proposed next.
+        What the user has just accepted, such as a recording, determines the next proposals.
         """
         deadline = asyncio.get_running_loop().time() + limit_s
         while not self.specs.is_analysed(path) and self._task is not None:
@@ -196,7 +196,7 @@ def create_server() -> SpecLanguageServer:
 
 
 def path_of(document_uri: str) -> Path:
-    """Return the path of a document; of one that is none of this machine, its URI."""
+    """Return the path of a document; its URI if it is not on this machine."""
     parts = urlsplit(document_uri)
     is_local = parts.scheme == "file" and parts.netloc in {"", "localhost"}
     return Path(unquote(parts.path, errors="surrogateescape") if is_local else document_uri)

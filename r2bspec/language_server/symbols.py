@@ -1,7 +1,7 @@
 """The names that a spec defines and uses, with every place: variables, topics, nodes and others.
 
-From these places follow going to a definition, finding references, and renaming. Python files that
-a spec names are read without importing them.
+Going to a definition, finding references, and renaming use these places. Python files that a spec
+names are read without importing them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _PROCESS_FAMILIES: Final = ("cpu", "memory")
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """A name of a spec; of a topic the full name."""
+    """A name of a spec; for a topic the full name."""
 
     kind: SymbolKind
     name: str
@@ -42,7 +42,7 @@ class Symbol:
 
 @dataclass(frozen=True, slots=True)
 class Occurrence:
-    """One place of a symbol.
+    """A place of a symbol.
 
     Attributes:
         span: of the name alone.
@@ -78,7 +78,7 @@ def occurrence_at(analysis: Analysis, place: tuple[int, int]) -> Occurrence | No
 
 
 def places_of(analysis: Analysis, symbol: Symbol) -> list[Occurrence]:
-    """Return every place of one symbol, definitions first."""
+    """Return every place of a symbol, definitions first."""
     places = [occurrence for occurrence in occurrences(analysis) if occurrence.symbol == symbol]
     return sorted(places, key=lambda each: not each.is_definition)
 
@@ -204,7 +204,7 @@ _TOPIC: Final = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)
 
 
 class RenameError(R2bspecError):
-    """A name that cannot be changed, or not to this one."""
+    """The name cannot be changed, or not to this name."""
 
     code = "R2B602"
     exit_code = ExitStatus.USAGE
@@ -217,7 +217,7 @@ def references_at(analysis: Analysis, place: tuple[int, int]) -> list[Occurrence
 
 
 def definitions(analysis: Analysis, place: tuple[int, int]) -> list[Span]:
-    """Return where what is at a place is defined: a name, an extended file, or a Python class."""
+    """Return where the name at a place is defined: a key, an extended file, or a Python class."""
     if named := references_at(analysis, place):
         return [occurrence.span for occurrence in named if occurrence.is_definition]
     tree = analysis.tree

@@ -65,7 +65,7 @@ def container_node_name(argv: Iterable[str]) -> str:
 
 
 def has_planned_name(process: ProcessPlan, node: NodePlan) -> bool:
-    """Return whether a node that runs has the name of the plan.
+    """Return True if a running node has the name of the plan.
 
     A program may have nodes of any name.
     """

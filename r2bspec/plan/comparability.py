@@ -1,7 +1,8 @@
 """Comparing plans: their differences, and whether they measure the same.
 
 A difference means another load, another graph, or neither. That follows from the declaration of the
-key that a field of a plan shows (`r2bspec.language.declaration`), so a new key needs no word here.
+key that corresponds to a field of a plan (`r2bspec.language.declaration`), so a new key needs no
+change here.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from r2bspec.plan.plan import GatePlan, Plan, PlayPlan
 
 
 class IncomparableError(R2bspecError):
-    """What was measured differs in more than its numbers."""
+    """Two measurements differ in more than their numbers."""
 
     code = "R2B663"
     exit_code = ExitStatus.USAGE
@@ -139,7 +140,7 @@ _OTHER_FIELDS: Final[Mapping[str, Change]] = {
 def change_of(field: str) -> Change:
     """Return what a difference in a field of a plan means: another load, another graph, or neither.
 
-    It follows from the declaration of the key that the field shows
+    It follows from the declaration of the key that corresponds to the field
     (`r2bspec.language.declaration`).
 
     Raises:
@@ -156,7 +157,7 @@ _MAX_PATH, _MAX_VALUE = 60, 24
 
 
 def measured_hash(plan: Plan) -> str:
-    """The hash of the plan without texts, objectives and gate: identifies the measurement."""
+    """Return the hash of the plan without texts, objectives and gate, for the measurement."""
     bare = msgspec.structs.replace(
         _without_texts(plan), objectives={}, gate=GatePlan(), requires=msgspec.UNSET
     )
@@ -174,7 +175,7 @@ def _measured_differences(base: Plan, head: Plan) -> list[PlanDifference]:
 
 
 def load_differences(base: Plan, head: Plan) -> list[PlanDifference]:
-    """The differences in the load or the harness of two plans, not in the graph under test."""
+    """Return the differences of two plans in the load or the harness, not in the graph."""
     differences = _measured_differences(base, head)
     return [difference for difference in differences if _change(difference) == "load"]
 
@@ -182,7 +183,7 @@ def load_differences(base: Plan, head: Plan) -> list[PlanDifference]:
 def graph_differences(base: Plan, head: Plan) -> list[PlanDifference]:
     """Return the differences of two plans that may affect the measurement, each once.
 
-    Parameters of a node stand in the command line of its process, too.
+    Parameters of a node also occur in the command line of its process.
     """
     differences = [
         difference
@@ -224,7 +225,7 @@ def _change(difference: PlanDifference) -> Change:
 
 
 def single_run_plan(plan: Plan) -> Plan:
-    """The plan of one run of a pair: one iteration per rate in one start, without a confirmation.
+    """Return the plan of a run of a pair: an iteration per rate in one start, no confirmation.
 
     Pairs replace iterations and starts: each run of a pair is a start of its own. The peak search
     takes the most time, so it is included only if an objective needs the peak.
@@ -257,19 +258,19 @@ def _single_iteration(play: PlayPlan) -> PlayPlan:
 
 
 def pair_count(plan: Plan) -> int:
-    """Return the number of pairs of a plan: its number of iterations, at least one."""
+    """Return the number of pairs of a plan: its number of iterations."""
     return max((play.iterations for play in plan.plays), default=1)
 
 
 def difference_lines(differences: list[PlanDifference], max_lines: int = 12) -> Iterator[str]:
-    """Yield the differences, one per line, limited to `max_lines` and a count of the others."""
+    """Yield the differences, one per line; after `max_lines`, the number of the others."""
     yield from (str(difference) for difference in differences[:max_lines])
     if len(differences) > max_lines:
         yield f"{len(differences) - max_lines} more differences"
 
 
 def brief_difference(difference: PlanDifference) -> str:
-    """Return a difference in at most a line: what was added or removed is named, not printed."""
+    """Return a difference in at most a line: added and removed values are named, not printed."""
     path = format_path(difference.path)
     # Of a long path the end is shown, which says most.
     path = clip(path if len(path) <= _MAX_PATH else "…" + path[1 - _MAX_PATH :], _MAX_PATH)

@@ -30,7 +30,7 @@ class FigureBox:
 
 @dataclass(frozen=True, slots=True)
 class Arrow:
-    """From one box to another; `stored` if messages are buffered in between."""
+    """An arrow between boxes; `stored` if messages are buffered in between."""
 
     tail: str
     head: str
@@ -39,7 +39,7 @@ class Arrow:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """The boxes of one phase, which is its title, too."""
+    """The boxes of a phase, which is its title, too."""
 
     id: str
     boxes: tuple[FigureBox, ...]
@@ -47,7 +47,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A drawing: groups of boxes, boxes outside of any, and arrows."""
+    """A drawing: groups of boxes, other boxes, and arrows."""
 
     title: str
     boxes: tuple[FigureBox, ...]

@@ -1,7 +1,7 @@
 """The messages, services and actions of installed packages, read from their Python text.
 
-Nothing is imported: what ROS generates names each type in the package's ``__init__``, and the
-fields of a type as a literal in the file of the type.
+Nothing is imported: the code that ROS generates names each type in the package's ``__init__``, and
+the fields of a type as a literal in the file of the type.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _CONSTANTS = "__constants"
 
 @shared_lookup
 def installed_types(package: str, kind: str) -> frozenset[str] | None:
-    """The types of a kind (msg, srv, action) that a package has.
+    """Return the types of a kind (msg, srv, action) that a package has.
 
     Returns:
         None if they are unknown; empty if the package is not installed.
@@ -37,12 +37,12 @@ def installed_types(package: str, kind: str) -> frozenset[str] | None:
 
 @shared_lookup
 def installed_fields(type_name: str) -> FieldTypes | None:
-    """The fields of a type such as ``std_srvs/srv/SetBool_Request``; None if they are unknown."""
+    """Return the fields of a type like ``std_srvs/srv/SetBool_Request``; None if unknown."""
     return _literal_of(type_name, "", _FIELDS)
 
 
 def fields_of_message(type_name: str) -> FieldTypes | None:
-    """Return the same for a message as fields name it: ``geometry_msgs/Pose``."""
+    """Return the fields of a message by the name that fields use: ``geometry_msgs/Pose``."""
     return installed_fields(type_name.replace("/", "/msg/"))
 
 

@@ -21,7 +21,7 @@ _STAR_IMPORT = re.compile(r"\bimport\s*\*")
 
 @shared_lookup
 def top_level_names(source: Path) -> frozenset[str] | None:
-    """The names that a Python file defines, or None if its text does not determine them.
+    """Return the names that a Python file defines; None if its text does not tell.
 
     Raises:
         SyntaxError: this interpreter cannot parse the file.
@@ -37,7 +37,7 @@ def top_level_names(source: Path) -> frozenset[str] | None:
 
 @shared_lookup
 def is_on_path(program: str) -> bool:
-    """Whether the folders of ``$PATH`` have a program of that name."""
+    """Return True if the folders of ``$PATH`` have a program of that name."""
     import shutil
 
     return shutil.which(program) is not None
@@ -45,14 +45,14 @@ def is_on_path(program: str) -> bool:
 
 @shared_lookup
 def ament_packages() -> frozenset[str]:
-    """The names of all installed ROS packages."""
+    """Return the names of all installed ROS packages."""
     folders = (prefix / PACKAGE_INDEX for prefix in ament_prefixes())
     return frozenset(name for folder in folders for name in safe_file.names_if_any(folder))
 
 
 @shared_lookup
 def package_executables(package: str) -> frozenset[str]:
-    """The names of the executables of a ROS package."""
+    """Return the names of the executables of a ROS package."""
     folders = (prefix / "lib" / package for prefix in ament_prefixes())
     return frozenset(
         name
@@ -64,7 +64,7 @@ def package_executables(package: str) -> frozenset[str]:
 
 @shared_lookup
 def package_plugins(package: str) -> set[str]:
-    """The composable nodes that a ROS package registers."""
+    """Return the composable nodes that a ROS package registers."""
     plugins: set[str] = set()
     for prefix in ament_prefixes():
         entries = _text(prefix / AMENT_INDEX / "rclcpp_components" / package).splitlines()
@@ -93,7 +93,7 @@ def _text(file: Path) -> str:
 
 @shared_lookup
 def package_share(package: str) -> Path | None:
-    """The share folder of a ROS package, or None if it is not installed."""
+    """Return the share folder of a ROS package, or None if it is not installed."""
     for prefix in ament_prefixes():
         if safe_file.is_there(prefix / PACKAGE_INDEX / package):
             return prefix / "share" / package
@@ -102,7 +102,7 @@ def package_share(package: str) -> Path | None:
 
 @shared_lookup
 def package_version(package: str) -> str:
-    """The version of an installed ROS package, from its package.xml; empty if unknown."""
+    """Return the version of an installed ROS package, from its package.xml; empty if unknown."""
     share = package_share(package) if package else None
     if share is None:
         return ""

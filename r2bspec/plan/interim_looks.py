@@ -1,10 +1,10 @@
 """Which iterations each start of a run plays, and when the run is judged while it grows.
 
 A run is judged after each start from the third on, and ends as soon as everything is decided:
-starts differ by more than what is measured within them, so they are the unit that counts. Before
-the declared starts a verdict ends a run only with room for what it may not have met
-(`r2bspec.judge.unmet`). Fewer than five starts have too often not met both speeds
-of a graph that has two: of half of the starts 10 % slower, a mean would fail wrongly in 12 % of
+starts differ by more than iterations within them, so they are the unit that counts. Before the
+declared starts a verdict ends a run only with room for what the run may not have met
+(`r2bspec.judge.unmet`). With fewer than five starts, a run too often misses one of the two speeds
+of a graph that has two: if half of the starts are 10 % slower, a mean would fail wrongly in 12 % of
 runs that may end after three without room. A run of one start is judged at its end; if it may be
 extended (`max_iterations`), after 1, 2 and 4 times the declared iterations, too.
 
@@ -58,7 +58,7 @@ FIRST_LOOK_BY_TURNS: Final = 5
 
 
 def pairs_that_confirm(failed: int) -> int:
-    """Return how many fresh pairs are played after so many have failed."""
+    """Return how many fresh pairs are played after `failed` pairs have failed."""
     return max(3, failed // 2)
 
 
@@ -67,11 +67,11 @@ MAX_LOOKS: Final = 20
 
 
 def iterations_of_starts(iterations: int, starts: int, most: int = 0) -> tuple[range, ...]:
-    """The iterations of each start, counted from 1: as equal parts as possible, larger ones first.
+    """Return the iterations of each start, from 1: parts as equal as possible, larger first.
 
     Those above the declared number are played in further starts, which have as many iterations as
-    the first ones, or up to twice as many where the rest does not suffice for another start. A run
-    that has one start keeps it.
+    the first starts, or up to twice as many if the rest does not suffice for another start. A run
+    of one start keeps it.
 
     Args:
         iterations: the declared number at each rate.
@@ -133,22 +133,22 @@ class InterimLooks:
 
     @classmethod
     def of_plays(cls, plays: Sequence[PlayPlan], starts: int) -> InterimLooks | None:
-        """Return the looks at what is played.
+        """Return the looks at some plays.
 
-        None where that is judged once, or nothing is played.
+        None if they are judged once, or nothing is played.
         """
         looks = cls.with_end(plays, starts) if plays else None
         return looks if looks is not None and len(looks) > 1 else None
 
     @classmethod
     def with_end(cls, plays: Sequence[PlayPlan], starts: int) -> InterimLooks:
-        """Return the looks at what is played, at least one play; the last one is at the end."""
+        """Return the looks at some plays, at least one; the last look is at the end."""
         longest = max(plays, key=lambda play: play.iterations)
         return cls.planned(longest.iterations, starts, longest.max_iterations)
 
     @classmethod
     def after_pairs(cls, failed: int, all_: int) -> InterimLooks:
-        """Return the looks at pairs of runs: those that failed, and all with what confirms it."""
+        """Return the looks at pairs of runs: at the failed pairs, and at all with confirmation."""
         return cls((failed, all_), declared=failed, shares=_SHARES_OF_PAIRS)
 
     @classmethod
@@ -188,5 +188,5 @@ class InterimLooks:
         return 1 - (1 - confidence) * self.error_share(look)
 
     def completed_looks(self, iterations: int) -> int:
-        """Return how many looks so many complete iterations allow; 0 before the first."""
+        """Return how many looks a number of complete iterations allows; 0 before the first."""
         return sum(end <= iterations for end in self.iterations)

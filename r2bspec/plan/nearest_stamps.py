@@ -36,7 +36,7 @@ _AGREE: Final = 0.8
 def pair_nearest(
     stamps_ns: Sequence[Sequence[int]], slops_ns: Sequence[int]
 ) -> tuple[tuple[int, ...], ...]:
-    """The messages of each step: the position of one message for each input, ordered by stamp.
+    """Return, by stamp, the messages of each step: the position of a message of each input.
 
     Args:
         stamps_ns: the stamps of each input, in the order of its messages.

@@ -34,23 +34,23 @@ _INTERFACE_PACKAGE = re.compile(r"_(msgs|interfaces|msg|srvs)$")
 
 
 def ros_distribution() -> str:
-    """Return the distribution whose packages a user installs: that of the environment, or Jazzy."""
+    """Return the distribution that a user installs from: that of the environment, or Jazzy."""
     distribution = ros_distro()
     return distribution if re.fullmatch(r"[a-z]+", distribution) else _DEFAULT_DISTRIBUTION
 
 
 def has_wheels() -> bool:
-    """Whether ROS is that of wheels: packages of Ubuntu have no effect in their environment."""
+    """Return True if ROS comes from wheels, where packages of Ubuntu have no effect."""
     return not os.environ.get("ROS_DISTRO") and bool(distro_of_wheels())
 
 
 def released_package(ros_package: str) -> str:
-    """The package of Ubuntu, or the wheel, of a released ROS package: ``ros-jazzy-image-proc``."""
+    """Return the Ubuntu package or wheel of a released ROS package: ``ros-jazzy-image-proc``."""
     return f"ros-{ros_distribution()}-{ros_package.replace('_', '-')}"
 
 
 def ros_package_advice(package: str) -> str:
-    """Return how to get a ROS package: from where ROS itself is, or from a workspace."""
+    """Return how to install a ROS package: from where ROS itself is, or from a workspace."""
     known = package in catalogue_packages() or is_ros_module(package)
     released, workspace = released_package(package), "source the workspace that contains it"
     if not has_wheels():
@@ -65,5 +65,5 @@ def ros_package_advice(package: str) -> str:
 
 
 def is_ros_module(module: str) -> bool:
-    """Return whether a Python module is that of a ROS package, by its name."""
+    """Return True if a Python module is, by its name, that of a ROS package."""
     return module in _ROS_MODULES or _INTERFACE_PACKAGE.search(module) is not None

@@ -115,14 +115,14 @@ class JoinPlan(_Value, frozen=True, kw_only=True):
 
 
 class ProcessPlan(ProcessSettings, frozen=True, kw_only=True):
-    """One process. `env` has only the changes to the environment common to all processes.
+    """A process. `env` has only the changes to the environment common to all processes.
 
     In `argv`, ``$(python)`` is the interpreter that runs r2bspec, ``$(harness)`` the program of
     player and monitor, which is built on first use (`r2bspec.native`), ``$(executable P E)`` the
     path of executable E of package P in the ament index, and ``$(included_launch)`` the launch file
-    of r2bspec that includes another one (`r2bspec.harness.included_launch`). The `prefix` of the
-    spec is at the beginning of `argv`. `nodes` of a command has its name in the spec; a command
-    need not be a ROS node. The fields of `ProcessSettings` are keys of the spec.
+    of r2bspec that includes another (`r2bspec.harness.included_launch`). The `prefix` of the spec
+    is at the beginning of `argv`. `nodes` of a command has its name in the spec; a command need not
+    be a ROS node. The fields of `ProcessSettings` are keys of the spec.
 
     Roles:
         loader, player, monitor: processes of the harness, configured over the control channel.
@@ -326,7 +326,7 @@ class CallPlan(_Value, frozen=True, kw_only=True):
 
     @property
     def topic(self) -> str:
-        """As which `MonitorPlan.answers` names what is recorded."""
+        """The name under which `MonitorPlan.answers` refers to the call."""
         return self.name
 
     @property
@@ -384,13 +384,13 @@ class TimelinePlan(_Value, frozen=True, kw_only=True):
 
 
 class HarnessPlan(_Value, frozen=True, kw_only=True):
-    """Where the player and the monitors run: in separate processes, in one, or in the graph's."""
+    """The processes of the player and the monitors: separate, one, or those of the graph."""
 
     placement: Literal["separate", "shared", "graph"] = "separate"
 
 
 class GatePlan(_Value, frozen=True, kw_only=True):
-    """How verdicts are decided, and their consequences; a budget of 0 is none."""
+    """How verdicts are decided, and their consequences; a budget of 0 means no limit."""
 
     confidence: _Confidence = CONFIDENCE
     inconclusive: Literal["report", "pass", "fail"] = "report"
@@ -480,7 +480,7 @@ class Plan(Pacing, frozen=True, kw_only=True):
     network: Network | msgspec.UnsetType = msgspec.UNSET
 
     def observes(self, process: ProcessPlan) -> bool:
-        """Return whether a process is observed from inside: those of the harness always are."""
+        """Return True if a process is observed from inside: those of the harness always are."""
         if not isinstance(self.anatomy, tuple) or process.join or process.role not in _OF_NODES:
             return bool(self.anatomy)
         owned = {process.name, process.container, *(node.node for node in process.nodes)}
@@ -496,12 +496,12 @@ class Plan(Pacing, frozen=True, kw_only=True):
 
     @property
     def latched_inputs(self) -> tuple[InputPlan, ...]:
-        """The inputs of which one message is published before the first step."""
+        """The inputs of which a single message is published before the first step."""
         return () if self.latched is msgspec.UNSET else self.latched
 
     @property
     def called(self) -> dict[str, CallPlan]:
-        """What is called, by the names of the monitors that have its answers."""
+        """The services and actions that are called, by the monitors of their answers."""
         calls = () if self.calls is msgspec.UNSET else self.calls
         return {
             name: call
@@ -512,12 +512,12 @@ class Plan(Pacing, frozen=True, kw_only=True):
 
     @property
     def step_sources(self) -> StepSources:
-        """What the bits of the inputs of a step stand for: inputs, or calls that are recorded."""
+        """The meaning of the input bits of a step: inputs, or recorded calls."""
         return self.inputs or tuple(call for call in self.calls or () if call.source)
 
     @property
     def topic_monitors(self) -> tuple[MonitorPlan, ...]:
-        """The monitors of topics; the others have the answers to calls."""
+        """The monitors of topics, without those of answers to calls."""
         return tuple(monitor for monitor in self.monitors if monitor.name not in self.called)
 
     @property
@@ -529,5 +529,5 @@ class Plan(Pacing, frozen=True, kw_only=True):
 
     @property
     def plays(self) -> tuple[PlayPlan, ...]:
-        """What is played at each rate, the peak included."""
+        """The plays at each rate, the peak included."""
         return (*self.play, *([self.play_at_peak] if self.play_at_peak is not None else []))

@@ -1,4 +1,4 @@
-"""A plan with what a run needs besides it."""
+"""A plan with everything else that a run needs."""
 
 from __future__ import annotations
 

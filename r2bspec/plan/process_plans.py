@@ -78,7 +78,7 @@ def plan_lifecycle(wiring: Wiring) -> tuple[LifecyclePlan, ...]:
 
 
 def has_single_harness(spec: Spec) -> bool:
-    """Return whether the harness is one process during the measurement."""
+    """Return True if the harness is a single process during the measurement."""
     return spec.harness.placement == "shared" or (
         spec.graph.placement == "harness" and spec.harness.placement != "graph"
     )
@@ -262,7 +262,7 @@ def _node(node: NodeWiring) -> NodePlan:
 
 
 class PartPlacement(msgspec.Struct, frozen=True):
-    """Where one part of the harness runs.
+    """The place of a part of the harness.
 
     Attributes:
         part: ``player``, or the name of a monitor.

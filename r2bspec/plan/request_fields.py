@@ -21,7 +21,7 @@ FieldsOf = Callable[[str], FieldTypes | None]
 
 
 class FieldMistake(NamedTuple):
-    """What does not fit.
+    """A field that does not fit.
 
     Attributes:
         path: of the field in the request: names, and places in lists.
@@ -54,7 +54,7 @@ def field_mistakes(
     fields_of: FieldsOf,
     path: tuple[str | int, ...] = (),
 ) -> Iterator[FieldMistake]:
-    """Yield what of some fields does not fit, in their order.
+    """Yield the fields that do not fit, in their order.
 
     Args:
         values: the fields that a spec gives.

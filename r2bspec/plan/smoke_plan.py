@@ -1,4 +1,4 @@
-"""The plan of a smoke run: one short iteration, which shows that everything is connected."""
+"""The plan of a smoke run: a short iteration, which shows that everything is connected."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LEFT_OUT: Final = frozenset({"harness_overhead", "search", "sustained", "play"}
 
 
 def smoke_plan(plan: Plan) -> Plan:
-    """Return the plan with one short iteration at its lowest rate, without probes.
+    """Return the plan with a short iteration at its lowest rate, without probes.
 
     Nothing is judged.
 
@@ -51,7 +51,7 @@ def smoke_plan(plan: Plan) -> Plan:
 
 
 def is_smoke_plan(plan: Plan) -> bool:
-    """Return whether a plan has objectives that a smoke run does not judge."""
+    """Return True if a plan has objectives that a smoke run does not judge."""
     return bool(plan.objectives) and all(
         objective.level == "off" for objective in plan.objectives.values()
     )

@@ -38,7 +38,7 @@ def tap_name(topic: str) -> str:
 def hops_to(
     plan: Plan, monitor: MonitorPlan, leave_out: Collection[str] = ()
 ) -> tuple[tuple[str, str], ...]:
-    """The hops of the path to a tapped monitor, as (source, target), beginning at the player.
+    """Return the hops of the path to a tapped monitor, from the player, as (source, target).
 
     A hop leads from one topic to another if a node subscribes to the first and publishes the
     second. If a node has several inputs, several hops lead to its output.

@@ -1,6 +1,6 @@
-"""What specs can require of a machine, and what this one has.
+"""The properties of a machine that specs can require, and those of this machine.
 
-It is read without importing or starting anything.
+They are read without importing or starting anything.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ CAP_SYS_NICE: Final = 23
 
 
 class MachineFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """What of a machine specs can require.
+    """The properties of a machine that specs can require.
 
     Attributes:
         arch: as the kernel calls it, such as ``aarch64``.
@@ -66,7 +66,7 @@ class MachineFacts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def has_capability(number: int) -> bool:
-    """Return whether this process has a capability, for which limits do not count."""
+    """Return True if this process has a capability, for which limits do not count."""
     try:
         lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -83,7 +83,7 @@ def ament_prefixes() -> list[Path]:
 
 @shared_lookup
 def this_machine() -> MachineFacts:
-    """Architecture, CPUs, GPUs, ROS distribution and labels of this machine."""
+    """Return architecture, CPUs, GPUs, ROS distribution and labels of this machine."""
     return MachineFacts(
         arch=os.uname().machine,
         cores=len(os.sched_getaffinity(0)),
@@ -115,9 +115,9 @@ def control_groups(proc: Path, sys: Path) -> Iterator[Path]:
 
 
 def cpu_quota(proc: Path = Path("/proc"), sys: Path = Path("/sys")) -> float | None:
-    """Return the CPU time that control groups of either version allow, in cores; None for all.
+    """Return the CPU time, in cores, that control groups of either version allow; None for all.
 
-    Groups nest: the least limit counts.
+    Groups nest: the lowest limit counts.
     """
     limits = []
     for group in control_groups(proc, sys):
@@ -138,7 +138,7 @@ def _text(path: Path) -> str:
 
 
 def gpus() -> tuple[str, ...]:
-    """Return the GPUs of which the kernel has a driver, by their models."""
+    """Return the models of the GPUs for which the kernel has a driver."""
     try:
         folders = sorted(_NVIDIA.iterdir())
         return tuple(_model(folder) for folder in folders)
@@ -147,7 +147,7 @@ def gpus() -> tuple[str, ...]:
 
 
 def shared_memory_bytes() -> int | None:
-    """Return the size of the file system for shared memory; None where there is none."""
+    """Return the size of the file system for shared memory; None if there is none."""
     try:
         file_system = os.statvfs(SHARED_MEMORY)
     except OSError:
@@ -156,12 +156,12 @@ def shared_memory_bytes() -> int | None:
 
 
 def ros_distro() -> str:
-    """Return the ROS distribution: a sourced one, or that of the wheels; empty if there is none."""
+    """Return the ROS distribution: a sourced one, or that of the wheels; empty without ROS."""
     return os.environ.get("ROS_DISTRO") or distro_of_wheels()
 
 
 def distro_of_wheels() -> str:
-    """Return the ROS distribution whose wheels are in this environment; empty if none is."""
+    """Return the ROS distribution whose wheels are installed here; empty without wheels."""
     names = (name for folder in sys.path for name in names_if_any(Path(folder or ".")))
     installed = {match[1] for match in map(_RCLPY.match, names) if match}
     return next((distro for distro in ROS_DISTROS if distro in installed), "")
@@ -200,7 +200,7 @@ def _unseen_folders() -> list[str]:
 
 
 def labels_of(text: str) -> dict[str, str]:
-    """Labels from ``NAME=VALUE,NAME=VALUE``; parts without an equals sign are left out."""
+    """Return labels from ``NAME=VALUE,NAME=VALUE``; parts without an equals sign are left out."""
     parts = (part.strip().partition("=") for part in text.split(","))
     return {name: value for name, equals, value in parts if equals and name}
 
@@ -213,7 +213,7 @@ def _model(folder: Path) -> str:
 
 
 def unmet(requires: Requires | None, machine: MachineFacts) -> tuple[str, ...]:
-    """Return what a machine lacks, each as a clause such as ``it has 2 cores, not 8``.
+    """Return the requirements that a machine misses, as clauses: ``it has 2 cores, not 8``.
 
     None if it fits.
     """

@@ -1,8 +1,8 @@
 """How long a run or a comparison will take, from its plan alone: an estimate for people who wait.
 
 What the plan declares is exact: iterations and warm-up. A search ends as soon as it can, and a
-comparison when it is decided, so that both ends are stated. What the plan does not know, such as
-the start of processes, is a typical value. Nothing is decided by these numbers.
+comparison when it is decided, so that minimum and maximum are stated. What the plan does not know,
+such as the start of processes, has a typical value. Nothing is decided by these numbers.
 """
 
 from __future__ import annotations
@@ -89,12 +89,12 @@ class TimeEstimate:
 
     @property
     def is_open(self) -> bool:
-        """Whether a comparison may be decided before all runs are made."""
+        """Whether a comparison may be decided before all its runs are played."""
         return 0 < self.least_runs < self.runs
 
 
 def range_text(least_s: float, most_s: float) -> str:
-    """Return the time in words of what takes at least and at most so long."""
+    """Return a time between a minimum and a maximum, in words."""
     least, most = time_text(least_s), time_text(most_s)
     return f"about {most}" if least == most else f"about {least} to {most}"
 
@@ -159,7 +159,7 @@ BOTH_SIDES: Final = "both_sides"
 
 
 def estimate_turns(plan: Plan, starts: int, steps: int, *, base_alone: bool) -> TimeEstimate:
-    """Return the time that starts of both sides will take, which are played by turns.
+    """Return the time that starts of both sides, played by turns, will take.
 
     Args:
         plan: of the head, with all iterations.

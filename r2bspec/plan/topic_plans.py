@@ -1,4 +1,4 @@
-"""The topics of a plan: the sources of its playback inputs, its monitors, and what they tap."""
+"""The topics of a plan: the sources of its playback inputs, its monitors, and their taps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint, Wiring
 def plan_inputs(
     spec: Spec, wiring: Wiring, inputs: Mapping[str, PlaybackInput]
 ) -> tuple[InputPlan, ...]:
-    """These playback inputs, in the order of the spec."""
+    """Return the plans of playback inputs, in the order of the spec."""
     translations = spec.playback.timeline.translations
     return tuple(
         InputPlan(
@@ -122,7 +122,7 @@ def answered_inputs(
     """Return the inputs of a timeline that a monitor answers, in the order of the spec.
 
     Without `answers`, they are those with a known path to the monitor; all if there is none. A
-    recorded `call` is answered itself.
+    monitor of a recorded `call` answers the call itself.
     """
     if spec.playback.mode != "timeline":
         return ()

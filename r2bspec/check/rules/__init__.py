@@ -1,1 +1,1 @@
-"""The rules, by what an author asks; `r2bspec.check.engine` finds every one in these modules."""
+"""The rules, in modules by subject; `r2bspec.check.engine` finds every rule in these modules."""

@@ -1,8 +1,8 @@
 """Recordings: whether a bag can be used, has what is loaded from it, and which part is played.
 
-A bag that cannot be used is one finding with the code of its error; the other rules say nothing of
-it then. Nothing here is said offline, where no bag is looked at. How many messages a window has is
-estimated from the index of the bag where that is enough, and otherwise counted
+A bag that cannot be used is one finding with the code of its error; the other rules then say
+nothing about it. Offline, no bag is examined, and nothing is reported here. The number of messages
+in a window is estimated from the index of the bag if that suffices, and otherwise counted
 (`r2bspec.check.check_context`).
 """
 
@@ -19,7 +19,7 @@ from r2bspec.language.quantities import Duration
 
 @rule("R2B301")
 def bag_not_found(context: Context) -> Findings:
-    """Bags that do not exist or cannot be read; each finding has the code of its error."""
+    """Find bags that do not exist or cannot be read; each finding has the code of its error."""
     for recording in context.recordings:
         error = recording.error
         if error is not None:
@@ -28,7 +28,7 @@ def bag_not_found(context: Context) -> Findings:
 
 @rule("R2B308")
 def topic_not_in_bag(context: Context) -> Findings:
-    """Loaded topics that the bag does not contain, or not as CDR."""
+    """Find loaded topics that the bag does not contain, or not as CDR."""
     bag = context.bag
     if bag is None:
         return
@@ -60,7 +60,7 @@ _WINDOW = ("data_loader", "window")
 
 @rule("R2B309")
 def window_outside_bag(context: Context) -> Findings:
-    """Windows that extend beyond the bag."""
+    """Find windows that extend beyond the bag."""
     bag, window = context.bag, context.spec.data_loader.window
     if bag is None or (window.end is not None and window.end.ns <= window.start.ns):
         return
@@ -95,7 +95,7 @@ def _duration_ns(context: Context) -> int:
 
 @rule("R2B320")
 def window_end_before_start(context: Context) -> Findings:
-    """Windows that end before they start."""
+    """Find windows that end before they start."""
     window = context.spec.data_loader.window
     if window.end is not None and window.end.ns <= window.start.ns:
         yield Finding(
@@ -109,7 +109,7 @@ def window_end_before_start(context: Context) -> Findings:
 
 @rule("R2B321")
 def window_without_messages(context: Context) -> Findings:
-    """Loaded topics without messages in the window."""
+    """Find loaded topics without messages in the window."""
     bag = context.bag
     window = context.spec.data_loader.window
     if bag is None or (window.end is not None and window.end.ns <= window.start.ns):
@@ -142,7 +142,7 @@ def window_without_messages(context: Context) -> Findings:
 
 @rule("R2B324")
 def window_with_gap(context: Context) -> Findings:
-    """Windows with a gap that is longer than the rest of it."""
+    """Find windows with a gap that is longer than the rest of it."""
     bag, window = context.bag, context.spec.data_loader.window
     if bag is None:
         return
@@ -169,7 +169,7 @@ _ESTIMATE_TOLERANCE = 1.5
 
 @rule("R2B322")
 def buffer_larger_than_data(context: Context) -> Findings:
-    """Buffers for more messages than the window has."""
+    """Find buffers for more messages than the window has."""
     buffer = context.spec.playback.buffer
     if not buffer:
         return
@@ -215,7 +215,7 @@ def _counts_by_input(context: Context) -> dict[str, MessageCount]:
 
 @rule("R2B323")
 def buffer_of_one_message(context: Context) -> Findings:
-    """Buffers of one message."""
+    """Find buffers of one message."""
     playback = context.spec.playback
     if playback.buffer == 1 and playback.mode in {"looping", "sweeping"}:
         yield Finding(

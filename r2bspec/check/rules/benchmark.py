@@ -1,7 +1,7 @@
-"""The benchmark: which rates are played or searched, and whether a run of its length can confirm.
+"""The benchmark: which rates are played or searched, and whether a run of its length can decide.
 
-The statistics behind it are in docs/verdicts.md: a share is confirmed by a number of messages, a
-mean by a number of iterations, and both only to a confidence below 100 %.
+The statistics behind it are in docs/verdicts.md: a share is decided by a number of messages, a mean
+by a number of iterations, and both only to a confidence below 100 %.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from r2bspec.plan.interim_looks import InterimLooks
 
 @rule("R2B408")
 def rate_without_effect(context: Context) -> Findings:
-    """Rates and searches in playback modes without a selectable rate."""
+    """Find rates and searches in playback modes without a selectable rate."""
     monitors = context.spec.monitors.values()
     countable = any(monitor.counts_answers for monitor in monitors)
     if context.spec.benchmark.search and monitors and not countable:
@@ -61,7 +61,7 @@ def rate_without_effect(context: Context) -> Findings:
 
 @rule("R2B500")
 def benchmark_without_rate(context: Context) -> Findings:
-    """Benchmarks without a rate or a search."""
+    """Find benchmarks without a rate or a search."""
     benchmark = context.spec.benchmark
     sustained = any(each.requirement.metric == "sustained" for each in context.requirements)
     own = context.spec.has_own_rate
@@ -78,7 +78,7 @@ def benchmark_without_rate(context: Context) -> Findings:
 
 @rule("R2B535")
 def two_starts(context: Context) -> Findings:
-    """Two starts, of which a verdict is more often open than of one."""
+    """Find two starts, which leave a verdict open more often than one start does."""
     starts = context.spec.benchmark.starts
     if starts is not None and 1 < starts < LEAST_STARTS:
         yield Finding(
@@ -90,7 +90,7 @@ def two_starts(context: Context) -> Findings:
 
 @rule("R2B504")
 def rate_not_played(context: Context) -> Findings:
-    """Objectives at rates that are not played."""
+    """Find objectives at rates that are not played."""
     if context.spec.has_own_rate:
         return
     played = context.spec.benchmark.rates
@@ -118,7 +118,7 @@ def _needs_playing(objective: Objective) -> bool:
 
 @rule("R2B505")
 def requirement_without_rate(context: Context) -> Findings:
-    """Requirements that need a rate but have none."""
+    """Find requirements that need a rate but have none."""
     if context.spec.has_own_rate:
         return
     rates = ", ".join(str(rate) for rate in context.spec.benchmark.rates)
@@ -136,7 +136,7 @@ def requirement_without_rate(context: Context) -> Findings:
 
 @rule("R2B506")
 def peak_without_search(context: Context) -> Findings:
-    """Requirements on the peak in specs without a search."""
+    """Find requirements on the peak in specs without a search."""
     if context.spec.benchmark.search is not None:
         return
     for name, objective in context.spec.slos.items():
@@ -163,7 +163,7 @@ _SEARCH = ("benchmark", "search")
 
 @rule("R2B507")
 def peak_outside_search(context: Context) -> Findings:
-    """Requirements on the peak outside the range of the search."""
+    """Find requirements on the peak outside the range of the search."""
     search = context.spec.benchmark.search
     if search is None or search.min.hz >= search.max.hz:
         return
@@ -193,7 +193,7 @@ def peak_outside_search(context: Context) -> Findings:
 
 @rule("R2B508")
 def search_range_empty(context: Context) -> Findings:
-    """Searches with an empty range."""
+    """Find searches with an empty range."""
     search = context.spec.benchmark.search
     if search is not None and search.min.hz >= search.max.hz:
         yield Finding(
@@ -207,7 +207,7 @@ def search_range_empty(context: Context) -> Findings:
 
 @rule("R2B510")
 def too_few_messages(context: Context) -> Findings:
-    """Requirements that a run of the declared length cannot confirm."""
+    """Find requirements that a run of the declared length cannot confirm."""
     for metric in context.known_metrics:
         max_share = max_wrong_share(metric)
         if metric.role != "objective" or metric.at is None or max_share is None:
@@ -275,7 +275,7 @@ def _too_few(context: Context, metric: KnownMetric, at: Rate, needed: int) -> Fi
 
 @rule("R2B522")
 def confidence_out_of_range(context: Context) -> Findings:
-    """Confidences that are not from 51 % to below 100 %."""
+    """Find confidences that are not from 51 % to below 100 %."""
     benchmark = context.spec.benchmark
     places: list[tuple[float | None, Path]] = [
         (benchmark.gate.confidence.fraction, ("benchmark", "gate", "confidence"))

@@ -25,7 +25,7 @@ _UNITS = {"time": "ms", "rate": "Hz", "size": "MiB", "share": "%", "power": "W",
 
 @rule("R2B502")
 def bound_unit_mismatch(context: Context) -> Findings:
-    """Bounds whose unit does not fit the metric."""
+    """Find bounds whose unit does not fit the metric."""
     for metric in context.known_metrics:
         bound = metric.requirement.bound
         if bound is not None and not metric.info.accepts(bound):
@@ -94,7 +94,7 @@ class _TightestBounds(msgspec.Struct):
 
 @rule("R2B514")
 def bound_contradiction(context: Context) -> Findings:
-    """Bounds that no value can meet together."""
+    """Find bounds that no value can meet together."""
     by_key: dict[tuple[object, ...], _TightestBounds] = {}
     for metric in context.known_metrics:
         bound = metric.requirement.bound
@@ -120,7 +120,7 @@ def bound_contradiction(context: Context) -> Findings:
 
 @rule("R2B534")
 def bound_backwards(context: Context) -> Findings:
-    """Bounds that pass what got worse, or that no graph can be shown to meet."""
+    """Find bounds that pass a metric which got worse, or that no graph can be shown to meet."""
     for metric in context.known_metrics:
         requirement, bound = metric.requirement, metric.requirement.bound
         if bound is None or requirement.windows_share is not None:

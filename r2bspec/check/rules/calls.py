@@ -57,7 +57,7 @@ def stated_calls(spec: Spec) -> Iterator[StatedCall]:
 
 @rule("R2B240")
 def request_field_unfit(context: Context) -> Findings:
-    """Fields of requests that the type of the service or the action does not have, or not so."""
+    """Find fields of requests that the type of the service or action lacks, or has otherwise."""
     for call in stated_calls(context.spec):
         fields = installed_fields(f"{call.type}{call.part}")
         for place, values in call.requests if fields is not None else ():
@@ -92,7 +92,7 @@ def _finding(call: StatedCall, place: Path, mistake: FieldMistake) -> Finding:
 
 @rule("R2B242")
 def requests_not_recorded(context: Context) -> Findings:
-    """Calls whose requests are to come from a topic that has none of their type."""
+    """Find calls whose requests are to come from a topic that has no requests of their type."""
     for name, call in context.spec.recorded_calls.items():
         for bag_topic, loaded in context.spec.data_loader.topics.items():
             info = context.bag.find(bag_topic) if context.bag is not None else None

@@ -1,4 +1,4 @@
-"""Clocks: which one stamps are of, and what publishes the time of a graph on /clock."""
+"""Clocks: the clock of the stamps, and the publisher of the time of a graph on /clock."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _CLOCK_PARAMETER = "use_sim_time"
 
 @rule("R2B233")
 def clock_without_publisher(context: Context) -> Findings:
-    """Nodes that wait for /clock, which nothing publishes."""
+    """Find nodes that wait for /clock, which nothing publishes."""
     if context.spec.playback.clock:
         return
     for phase in context.wiring.phases:
@@ -56,7 +56,7 @@ def _clock_setting(context: Context, node: NodeWiring) -> tuple[Path, bool] | No
 
 @rule("R2B243")
 def clock_published_twice(context: Context) -> Findings:
-    """Publishers of /clock besides the harness, or of a time that the stamps are not of."""
+    """Find publishers of /clock besides the harness, or of another time than that of the stamps."""
     playback = context.spec.playback
     stamped = any(played.timestamp == "header" for played in playback.played.values())
     publishers = context.wiring.measure.publishers(_CLOCK)
@@ -80,7 +80,7 @@ def clock_published_twice(context: Context) -> Findings:
 
 @rule("R2B327")
 def stamps_of_another_clock(context: Context) -> Findings:
-    """Recorded stamps that were never set, or are of another clock than the times of recording."""
+    """Find recorded stamps that were never set, or are of another clock than the recording."""
     times = context.input_times
     for name, found in times.items():
         played = context.spec.playback.played[name]

@@ -1,4 +1,4 @@
-"""Whether this machine is the required one, and has enough shared memory and CPUs."""
+"""Whether this machine is the required machine, and has enough shared memory and CPUs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from r2bspec.plan import this_machine as machine
 
 @rule("R2B676")
 def machine_not_as_required(context: Context) -> Findings:
-    """Requirements of a machine that this one does not meet."""
+    """Find requirements that this machine does not meet."""
     if lacks := machine.unmet(context.spec.requires, machine.this_machine()):
         yield Finding(
             message=f"this machine is not what the spec requires: {'; '.join(lacks)}",
@@ -26,7 +26,7 @@ def machine_not_as_required(context: Context) -> Findings:
 
 @rule("R2B244")
 def threads_above_cpus(context: Context) -> Findings:
-    """Containers with more threads than rclcpp lets them have on this machine."""
+    """Find containers with more threads than rclcpp allows on this machine."""
     # The limit of rclcpp: CPUs that are online, whichever of them the process may use.
     cpus = os.cpu_count() or 1
     for name, container in context.spec.containers.items():
@@ -42,7 +42,7 @@ def threads_above_cpus(context: Context) -> Findings:
 
 @rule("R2B629")
 def shared_memory_insufficient(context: Context) -> Findings:
-    """Segments that need more shared memory than this machine has."""
+    """Find segments that need more shared memory than this machine has."""
     segment = context.spec.transport.segment
     if segment is None or context.spec.transport.kind != "shared_memory":
         return

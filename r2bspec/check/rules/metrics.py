@@ -1,4 +1,4 @@
-"""Metrics of requirements: whether they exist, and a run of this kind measures them."""
+"""Metrics of requirements: whether they exist, and whether a run of this kind measures them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from r2bspec.judge.measure.metric_catalogue import MetricError, series_with
 
 @rule("R2B501")
 def metric_unknown(context: Context) -> Findings:
-    """Requirements on unknown metrics or monitors."""
+    """Find requirements on unknown metrics or monitors."""
     for located in context.requirements:
         try:
             context.resolve(located)
@@ -41,7 +41,7 @@ def _declaration(suggestion: str, written: str, context: Context) -> tuple[Point
 
 @rule("R2B503")
 def metric_without_monitor(context: Context) -> Findings:
-    """Metrics without a monitor name, in specs with several monitors."""
+    """Find metrics without a monitor name, in specs with several monitors."""
     monitors = context.spec.outputs
     for metric in context.known_metrics:
         if len(monitors) > 1 and metric.info.scope is Scope.MONITOR and metric.monitor is None:
@@ -57,7 +57,7 @@ def metric_without_monitor(context: Context) -> Findings:
 
 @rule("R2B509")
 def search_condition_unsupported(context: Context) -> Findings:
-    """Conditions of a search that a probe does not measure."""
+    """Find conditions of a search that a probe does not measure."""
     for metric in context.known_metrics:
         if metric.role == "holds" and not metric.info.scope.in_probes:
             yield Finding(
@@ -73,7 +73,7 @@ def search_condition_unsupported(context: Context) -> Findings:
 
 @rule("R2B525")
 def count_with_order_matching(context: Context) -> Findings:
-    """Counts that need stamps, required of a monitor that matches by order."""
+    """Find counts that need stamps, required of a monitor that matches by order."""
     monitors = context.spec.outputs
     for metric in context.known_metrics:
         if not metric.info.metric.needs_stamp_matching:
@@ -94,7 +94,7 @@ def count_with_order_matching(context: Context) -> Findings:
 
 @rule("R2B527")
 def metric_unobserved(context: Context) -> Findings:
-    """Requirements on nodes and topics that are not observed from inside, or unknown nodes."""
+    """Find requirements on nodes and topics that are not observed from inside, or unknown nodes."""
     observed = context.spec.benchmark.anatomy
     nodes = {*context.spec.graph.nodes, *context.spec.containers}
     for index, name in enumerate(observed if isinstance(observed, tuple) else ()):
@@ -134,7 +134,7 @@ _PROBE_STATISTICS = ("search", "sequential")
 
 @rule("R2B526")
 def metric_unavailable(context: Context) -> Findings:
-    """Requirements on metrics that the playback mode or the monitor does not provide."""
+    """Find requirements on metrics that the playback mode or the monitor does not provide."""
     for metric in context.known_metrics:
         problem = _why_unavailable_at_monitor(context, metric)
         if problem is None and context.spec.has_own_rate:

@@ -10,7 +10,7 @@ from r2bspec.diagnostics.quote import quote
 
 @rule("R2B405")
 def monitor_unreachable(context: Context) -> Findings:
-    """Monitors that no playback input reaches."""
+    """Find monitors that no playback input reaches."""
     phase = context.wiring.measure
     if not context.spec.plays_topics or phase.possible_subscribers or phase.possible_publishers:
         return
@@ -33,7 +33,7 @@ def monitor_unreachable(context: Context) -> Findings:
 
 @rule("R2B406")
 def monitor_without_header(context: Context) -> Findings:
-    """Monitors that match by stamp, of messages without a header."""
+    """Find monitors that match by stamp, of messages without a header."""
     for name, monitor in context.spec.monitors.items():
         path = ("monitors", name)
         by_stamp = monitor.match in {"stamp", "any"}
@@ -50,7 +50,7 @@ def monitor_without_header(context: Context) -> Findings:
 
 @rule("R2B407")
 def inputs_without_stamp(context: Context) -> Findings:
-    """Monitors that match by stamp, where no playback input has one."""
+    """Find monitors that match by stamp if no playback input has a stamp."""
     if _any_stamp(context):
         return
     first, played = next(iter(context.spec.playback.played.items()))

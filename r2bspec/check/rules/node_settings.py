@@ -1,7 +1,7 @@
 """Parameters and remappings of nodes.
 
 What a node declares is known from its interface; what ROS can represent is known without it. ROS
-ignores a remapping that matches nothing, and says nothing of it.
+silently ignores a remapping that matches nothing.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from r2bspec.plan.wiring.wiring import NodeWiring
 
 @rule("R2B211")
 def parameter_undeclared(context: Context) -> Findings:
-    """Parameters that the node does not declare."""
+    """Find parameters that the node does not declare."""
     for _, node in context.nodes:
         declared = node.interface.parameters
         if declared is None:
@@ -67,7 +67,7 @@ def parameter_undeclared(context: Context) -> Findings:
 
 @rule("R2B212")
 def parameter_type_mismatch(context: Context) -> Findings:
-    """Parameter values of another type than the node declares."""
+    """Find parameter values of another type than the node declares."""
     for _, node in context.nodes:
         for override in parameter_overrides(context, node):
             declared = (node.interface.parameters or {}).get(override.name)
@@ -127,7 +127,7 @@ def _help_of_text(text: str, declared: str) -> str:
 
 @rule("R2B213")
 def parameter_not_representable(context: Context) -> Findings:
-    """Parameter values that ROS parameters or plans cannot represent."""
+    """Find parameter values that ROS parameters or plans cannot represent."""
     for _, node in context.nodes:
         for override in parameter_overrides(context, node):
             problem = _representation_problem(override.value)
@@ -159,7 +159,7 @@ def _representation_problem(value: ParameterValue) -> tuple[str, str] | None:
 
 @rule("R2B614")
 def parameter_file_unusable(context: Context) -> Findings:
-    """Parameter files that do not exist or that ROS cannot load."""
+    """Find parameter files that do not exist or that ROS cannot load."""
     for _, node in context.nodes:
         for path, name, file in parameter_files(context, node):
             problem = file.problem
@@ -183,7 +183,7 @@ def parameter_file_unusable(context: Context) -> Findings:
 
 @rule("R2B618")
 def parameter_file_node_mismatch(context: Context) -> Findings:
-    """Parameter files without parameters of the node."""
+    """Find parameter files without parameters of the node."""
     used = {
         name
         for _, node in context.nodes
@@ -232,7 +232,7 @@ _TYPES: tuple[tuple[type, ParameterType, ParameterType], ...] = (
 def parameter_type(value: ParameterValue) -> ParameterType | None:
     """Return the ROS type of a value.
 
-    None if it has none, as a list of different types or with a null.
+    None if it has none, like a list of different types or with a null.
     """
     if not isinstance(value, list):
         return next((name for kind, name, _ in _TYPES if isinstance(value, kind)), None)
@@ -292,7 +292,7 @@ _NODE_REMAPPINGS = {"__ns": "namespace", "__node": "", "__name": ""}
 
 @rule("R2B204")
 def remapping_unmatched(context: Context) -> Findings:
-    """Remappings that match no topic of their node."""
+    """Find remappings that match no topic of their node."""
     count = 0
     for phase, node in context.nodes:
         known = _remappable(node)

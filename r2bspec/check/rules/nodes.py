@@ -1,6 +1,6 @@
 """Nodes and their processes: names, containers, and who shares a process with whom.
 
-What is known of the topics of nodes, and interface files, are here, too.
+It also checks interface files and what is known of the topics of nodes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring
 
 @rule("R2B203")
 def node_name_reserved(context: Context) -> Findings:
-    """Nodes and containers whose process name is reserved or already in use."""
+    """Find nodes and containers whose process name is reserved or already in use."""
     reserved = reserved_names(context.spec)
     for node in context.wiring.measure.nodes:
         if node.key in reserved:
@@ -49,7 +49,7 @@ def _reserved_name(what: str, name: str, path: Path, reserved: Iterable[str]) ->
 
 @rule("R2B215")
 def node_name_duplicate(context: Context) -> Findings:
-    """Nodes of one phase with the same name."""
+    """Find nodes of one phase with the same name."""
     for phase in context.wiring.phases:
         first: dict[str, tuple[str, Path]] = dict(_generated_nodes(phase))
         for node in phase.nodes:
@@ -75,7 +75,7 @@ def _generated_nodes(phase: PhaseWiring) -> Iterator[tuple[str, tuple[str, Path]
 
 @rule("R2B223")
 def interface_file_unusable(context: Context) -> Findings:
-    """Interface files that cannot be used."""
+    """Find interface files that cannot be used."""
     for _, node in context.nodes:
         name = quote(f"interfaces/{node.key}.yaml")
         problem = context.companion_files.interface_errors.get(node.key)
@@ -91,7 +91,7 @@ def interface_file_unusable(context: Context) -> Findings:
 
 @rule("R2B234")
 def command_without_ros_arguments(context: Context) -> Findings:
-    """Commands that get no ROS arguments, because the spec says nothing of ROS about them."""
+    """Find commands without ROS arguments, because the spec does not mark them as ROS."""
     for _, node in context.nodes:
         if not node.is_ros_process:
             yield Finding(
@@ -104,7 +104,7 @@ def command_without_ros_arguments(context: Context) -> Findings:
 
 @rule("R2B217")
 def container_unknown(context: Context) -> Findings:
-    """References to containers that are not declared."""
+    """Find references to containers that are not declared."""
     containers = context.spec.containers
     for _, node in context.nodes:
         name = node.node.container
@@ -126,7 +126,7 @@ def container_unknown(context: Context) -> Findings:
 
 @rule("R2B219")
 def container_kind_mismatch(context: Context) -> Findings:
-    """Nodes of a kind that their container cannot load."""
+    """Find nodes of a kind that their container cannot load."""
     for _, node in context.nodes:
         container = context.spec.containers.get(node.node.container)
         if container is None:
@@ -154,7 +154,7 @@ _NO_SETTINGS = Node()
 
 @rule("R2B221")
 def process_setting_without_effect(context: Context) -> Findings:
-    """Process settings of nodes that share a process by their placement."""
+    """Find process settings of nodes that share a process because of their placement."""
     for _, node in context.nodes:
         for name in PROCESS_KEYS if _is_placed_with_others(context, node) else ():
             if getattr(node.node, name) != getattr(_NO_SETTINGS, name):
@@ -178,7 +178,7 @@ def _is_placed_with_others(context: Context, node: NodeWiring) -> bool:
 
 @rule("R2B222")
 def threads_without_effect(context: Context) -> Findings:
-    """Thread counts whose executor does not use them."""
+    """Find thread counts whose executor does not use them."""
     for _, node in context.nodes:
         is_program = node.node.kind is PYTHON and node.start.style == "main"
         if node.node.threads > 1 and node.node.executor == "single_threaded" and not is_program:
@@ -211,7 +211,7 @@ def _why_unused_threads(container: Container) -> str:
 
 @rule("R2B672")
 def harness_place_unknown(context: Context) -> Findings:
-    """Parts of the harness whose process in the graph is not decided."""
+    """Find parts of the harness whose process in the graph is undecided."""
     spec, wiring = context.spec, context.wiring
     if spec.harness.placement != "graph":
         return

@@ -34,7 +34,7 @@ from r2bspec.record.run_record import UNPAIRED_HELP, UnplayedMessages
 
 @rule("R2B401")
 def playback_source_without_publisher(context: Context) -> Findings:
-    """Playback inputs whose source topic has no publisher."""
+    """Find playback inputs whose source topic has no publisher."""
     phase = context.wiring.preprocess
     for source in phase.endpoints_of("recorder"):
         if not phase.publishers(source.topic):
@@ -78,7 +78,7 @@ def _source_finding(context: Context, phase: PhaseWiring, source: WiredEndpoint)
 
 @rule("R2B402")
 def preprocessor_cycle(context: Context) -> Findings:
-    """Preprocessors that form a cycle."""
+    """Find preprocessors that form a cycle."""
     phase = context.wiring.preprocess
     for node in phase.nodes:
         for endpoint in phase.endpoints_of(node.name):
@@ -97,7 +97,7 @@ def preprocessor_cycle(context: Context) -> Findings:
 
 @rule("R2B409")
 def timeline_without_timestamps(context: Context) -> Findings:
-    """Timelines with inputs that have no timestamps."""
+    """Find timelines with inputs that have no timestamps."""
     playback = context.spec.playback
     if playback.mode != "timeline" or playback.record_timeline:
         return
@@ -120,7 +120,7 @@ _COUNTS_ALONE = "; only their numbers were compared, not their stamps"
 
 @rule("R2B419")
 def latched_input_not_recorded(context: Context) -> Findings:
-    """Inputs of which one recorded message is published, and which a preprocessor makes."""
+    """Find latched inputs that a preprocessor produces."""
     for name, played in context.spec.playback.latched.items():
         source = context.wiring.topic(played.source)
         if not direct_bag_topic(source, context.spec, context.wiring):
@@ -135,7 +135,7 @@ def latched_input_not_recorded(context: Context) -> Findings:
 
 @rule("R2B420")
 def arrivals_without_period(context: Context) -> Findings:
-    """Searches, and requirements on rates and intervals, where steps come irregularly."""
+    """Find searches, and requirements on rates and intervals, with irregular arrivals."""
     arrivals = context.spec.irregular_arrivals
     if arrivals is None or context.spec.has_own_rate:
         return
@@ -168,7 +168,7 @@ def arrivals_without_period(context: Context) -> Findings:
 
 @rule("R2B658")
 def monitor_without_steps(context: Context) -> Findings:
-    """Monitors of a timeline that answer inputs which no step has together."""
+    """Find monitors of a timeline that answer inputs which no step has together."""
     spec, playback = context.spec, context.spec.playback
     if playback.mode != "timeline":
         return
@@ -225,7 +225,7 @@ def _stamps_of_inputs(
 
 @rule("R2B415")
 def input_messages_unpaired(context: Context) -> Findings:
-    """Inputs of which messages are not played, because they have no partner of the same stamp."""
+    """Find inputs with messages that are not played, for lack of a partner with the same stamp."""
     spec = context.spec
     if spec.playback.mode == "timeline" or spec.playback.unpaired == "drop":
         return

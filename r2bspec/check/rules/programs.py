@@ -1,4 +1,4 @@
-"""What a spec starts: whether it exists on this machine, and how a run can start it.
+"""The programs of a spec: whether they exist on this machine, and how a run can start them.
 
 Packages, executables, programs and launch files are looked up in folders and indexes. Sources of
 Python nodes are read, never imported: a class or function is looked up among the names that its
@@ -31,7 +31,7 @@ from r2bspec.safe_io.safe_file import is_folder, is_regular, names_if_any
 
 @rule("R2B613")
 def launch_file_not_found(context: Context) -> Findings:
-    """Launch files that do not exist."""
+    """Find launch files that do not exist."""
     for _, node in context.nodes:
         launch = node.node.launch
         if launch is None:
@@ -73,7 +73,7 @@ def _launch_files(share: FilePath) -> list[str]:
 
 @rule("R2B621")
 def program_not_found(context: Context) -> Findings:
-    """Commands whose program does not exist on this machine."""
+    """Find commands whose program does not exist on this machine."""
     for path, program, folder in _programs(context):
         if "/" in program:
             exists = is_regular(folder / program)
@@ -119,7 +119,7 @@ _MAX_RELATED = 5
 
 @rule("R2B622", early=True)
 def package_not_found(context: Context) -> Findings:
-    """ROS packages that are not installed on this machine."""
+    """Find ROS packages that are not installed on this machine."""
     requested: dict[str, list[Path]] = {}
     for path, package in _requested_packages(context):
         requested.setdefault(package, []).append(path)
@@ -198,7 +198,7 @@ def _ros2_runs(context: Context) -> Iterator[tuple[Path, str, str]]:
 
 @rule("R2B623")
 def executable_not_found(context: Context) -> Findings:
-    """Executables that are not in their installed ROS package."""
+    """Find executables that are not in their installed ROS package."""
     named = [
         (
             (*node.path, "package"),
@@ -229,7 +229,7 @@ def executable_not_found(context: Context) -> Findings:
 
 @rule("R2B639", early=True)
 def plugin_not_found(context: Context) -> Findings:
-    """C++ components that are not in their package, as installed here or else well known."""
+    """Find C++ components that neither their package, as installed here, nor the catalogue has."""
     for _, node in context.nodes:
         package, plugin = node.node.package, node.node.plugin
         if node.node.kind is not PLUGIN:
@@ -254,7 +254,7 @@ def plugin_not_found(context: Context) -> Findings:
 
 @rule("R2B624", early=True)
 def python_module_not_found(context: Context) -> Findings:
-    """Python nodes whose file or module does not exist."""
+    """Find Python nodes whose file or module does not exist."""
     for path, target in _python_targets(context):
         finding = (
             _missing_module(path, target)
@@ -313,7 +313,7 @@ def _unusable_file(
 
 @rule("R2B689")
 def imported_package_not_installed(context: Context) -> Findings:
-    """Python nodes whose file imports a ROS package that is not installed."""
+    """Find Python nodes whose file imports a ROS package that is not installed."""
     if find_module("rclpy") is None:
         return
     for path, target in _python_targets(context):
@@ -360,7 +360,7 @@ _REFERENCE_NODES = "r2bspec.nodes"
 
 @rule("R2B625", early=True)
 def python_name_not_found(context: Context) -> Findings:
-    """Python nodes whose class or function is not in their file or module."""
+    """Find Python nodes whose class or function is not in their file or module."""
     for path, target in _python_targets(context):
         names = _defined_names(target)
         if names is None or target.name in names:
@@ -407,7 +407,7 @@ def _public(names: frozenset[str]) -> list[str]:
 
 @rule("R2B231")
 def constructor_argument_missing(context: Context) -> Findings:
-    """Python nodes whose constructor needs arguments that a run cannot give."""
+    """Find Python nodes whose constructor needs arguments that a run cannot give."""
     for _, node in context.nodes:
         names = node.start.required
         if names:

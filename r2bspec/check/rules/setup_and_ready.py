@@ -11,7 +11,7 @@ from r2bspec.safe_io.line_pattern import PatternError, compile_line_pattern
 
 @rule("R2B413")
 def ready_topic_without_publisher(context: Context) -> Findings:
-    """Ready probes that wait for a topic without a publisher."""
+    """Find ready probes that wait for a topic without a publisher."""
     phase = context.wiring.measure
     for name, probe in context.spec.ready.items():
         topic = context.wiring.topic(probe.topic) if probe.topic else ""
@@ -30,7 +30,7 @@ def ready_topic_without_publisher(context: Context) -> Findings:
 
 @rule("R2B609")
 def ready_pattern_invalid(context: Context) -> Findings:
-    """Ready probes with an invalid regular expression."""
+    """Find ready probes with an invalid regular expression."""
     for name, probe in context.spec.ready.items():
         if probe.log is None:
             continue
@@ -47,7 +47,7 @@ def ready_pattern_invalid(context: Context) -> Findings:
 
 @rule("R2B237")
 def lifecycle_node_not_activated(context: Context) -> Findings:
-    """Lifecycle nodes that nothing in the graph can activate."""
+    """Find lifecycle nodes that nothing in the graph can activate."""
     if context.spec.after_ready:
         return
     for phase in context.wiring.phases:
@@ -74,7 +74,7 @@ def _may_manage(node: NodeWiring) -> bool:
 
 @rule("R2B238")
 def no_lifecycle_node(context: Context) -> Findings:
-    """Nodes that are to be activated and are no lifecycle nodes."""
+    """Find nodes that are to be activated but are no lifecycle nodes."""
     for _, node in context.nodes:
         has_source = node.interface.publishes_from in {"source", "table"}
         if node.node.lifecycle is not None and has_source and not node.interface.is_lifecycle:

@@ -1,7 +1,7 @@
 """Values as they are written: variables, and words that YAML 1.1 reads differently.
 
-These rules look at the text of the document and at its variables, before anything is resolved: an
-author asks here why a value does not arrive as it was meant.
+These rules look at the text of the document and at its variables, before anything is resolved: they
+tell an author why a value does not arrive as intended.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _TRUE_WORDS = frozenset({"yes", "on", "y"})
 
 @rule("R2B603")
 def yaml_1_1_value(context: Context) -> Findings:
-    """Values that YAML 1.1 reads differently."""
+    """Find values that YAML 1.1 reads differently."""
     if context.loaded.tree is None:
         return
     for path, node in _plain_strings(context.loaded.tree, (), inside=False):
@@ -65,7 +65,7 @@ def _yaml_1_1_value(text: str) -> tuple[str, str] | None:
 
 @rule("R2B606")
 def matrix_variable_unused(context: Context) -> Findings:
-    """Variables of a matrix that are not used."""
+    """Find variables of a matrix that are not used."""
     matrix_case = context.loaded.matrix_case
     for name in matrix_case.values if matrix_case is not None else ():
         if name not in context.loaded.used_variables:
@@ -79,7 +79,7 @@ def matrix_variable_unused(context: Context) -> Findings:
 
 @rule("R2B616")
 def variable_unused(context: Context) -> Findings:
-    """Variables that are not used."""
+    """Find variables that are not used."""
     for name in context.spec.variables:
         if name not in context.loaded.used_variables:
             yield Finding(

@@ -1,7 +1,7 @@
 """Topics of the graph: names, and publishers that meet subscriptions.
 
 A misspelt name leaves one topic without a publisher and another without a subscription. The first
-finding therefore suppresses what follows from it; see `r2bspec.check.engine`.
+finding therefore suppresses its consequences; see `r2bspec.check.engine`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring, WiredEndpoint
 
 @rule("R2B201")
 def private_topic_without_node(context: Context) -> Findings:
-    """Private topic names, with '~', outside of a node."""
+    """Find private topic names, with '~', outside of a node."""
     for name, path, phase, key in _harness_topics(context):
         if not name.startswith("~"):
             continue
@@ -73,7 +73,7 @@ def _harness_topics(context: Context) -> Iterator[tuple[str, Path, str, bool]]:
 
 @rule("R2B207")
 def topic_without_publisher(context: Context) -> Findings:
-    """Subscribed topics without a publisher."""
+    """Find subscribed topics without a publisher."""
     count = 0
     for phase in context.wiring.phases:
         published = tuple(name for name in phase.topics if phase.publishers(name))
@@ -222,7 +222,7 @@ def _way_to_state(unknown: tuple[NodeWiring, ...]) -> str:
 
 @rule("R2B208")
 def topic_without_subscription(context: Context) -> Findings:
-    """Topics that the spec plays or remaps, but to which no node or monitor subscribes."""
+    """Find topics that the spec plays or remaps, but to which no node or monitor subscribes."""
     # R2B401 covers the preprocess phase.
     phase = context.wiring.measure
     if phase.possible_subscribers:
@@ -264,7 +264,7 @@ _HARNESS_LABELS = {"loader": "the data loader", "player": "the player"}
 
 @rule("R2B209")
 def topic_with_two_publishers(context: Context) -> Findings:
-    """Topics with several publishers."""
+    """Find topics with several publishers."""
     for phase in context.wiring.phases:
         for topic in set(phase.topics) - SHARED_TOPICS:
             publishers = phase.publishers(topic)
@@ -299,7 +299,7 @@ def _publisher_label(endpoint: WiredEndpoint) -> str:
 
 @rule("R2B214")
 def absolute_name_outside_namespace(context: Context) -> Findings:
-    """Absolute topic names outside of the namespace of the benchmark."""
+    """Find absolute topic names outside of the namespace of the benchmark."""
     namespace = context.wiring.namespace
     if namespace == "/":
         return

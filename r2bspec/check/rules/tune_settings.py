@@ -22,7 +22,7 @@ _WHOLE_SECTIONS: Final = _SECTIONS[:2]
 
 @rule("R2B809")
 def tune_value_invalid(context: Context) -> Findings:
-    """Paths of values that the spec does not have, and values that their keys do not take."""
+    """Find paths that the spec does not have, and values that their keys do not accept."""
     from r2bspec.language.explain_violations import explain_violations
 
     root = context.loaded.tree
@@ -71,7 +71,7 @@ def _path_problem(
 
 @rule("R2B810")
 def tune_metric_unknown(context: Context) -> Findings:
-    """Metrics to minimize that do not exist, are better when larger, or are of no one monitor."""
+    """Find metrics to minimize that do not exist, are better when larger, or need a monitor."""
     if context.value_at(("tune",)) is None:
         return
     spec = context.spec

@@ -1,7 +1,7 @@
 """Messages that do not arrive although the topic is right: their type, and their QoS.
 
 ROS connects a publisher to a subscription only if both have the same type and compatible QoS, and
-says nothing where they have not. The types that a spec states itself must exist, too.
+is silent if they do not. The types that a spec states itself must exist, too.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint
 
 @rule("R2B202")
 def message_type_unknown(context: Context) -> Findings:
-    """Message types that the common interfaces do not contain."""
+    """Find message types that the common interfaces do not contain."""
     for path, name in _stated_types(context).items():
         about = {value_key(path)}
         siblings = message_types.types_of_same_package(name)
@@ -72,7 +72,7 @@ def _stated_types(context: Context) -> dict[Path, str]:
 
 @rule("R2B210")
 def message_type_mismatch(context: Context) -> Findings:
-    """Topics whose publishers and subscriptions have different types."""
+    """Find topics whose publishers and subscriptions have different types."""
     reported: set[Path] = set()
     confirmed = _confirmed(context)
     for phase in context.wiring.phases:
@@ -167,7 +167,7 @@ def _verb(endpoint: WiredEndpoint) -> str:
 
 @rule("R2B216")
 def qos_incompatible(context: Context) -> Findings:
-    """Publishers and subscriptions with incompatible QoS."""
+    """Find publishers and subscriptions with incompatible QoS."""
     for phase in context.wiring.phases:
         for topic in phase.topics:
             for publisher in phase.publishers(topic):
@@ -235,7 +235,7 @@ _KINDS: Final = {"msg": "message", "srv": "service", "action": "action"}
 
 @rule("R2B681")
 def message_type_not_installed(context: Context) -> Findings:
-    """Types of messages, services and actions that are not installed on this machine."""
+    """Find types of messages, services and actions that are not installed on this machine."""
     stated: dict[str, Path] = {}
     for phase in context.wiring.phases:
         for endpoint in phase.endpoints:

@@ -40,9 +40,10 @@ def purpose(text: str) -> str:
 
 
 def node_key(target: str, name: str = "") -> str:
-    """The key of a node: its own name, if its source gives it one that a node of a spec can have.
+    """Return the key of a node: its own name, if its source gives it a valid name.
 
-    Else it is made of its class, or of its file if it is a function such as `main`.
+    Otherwise the key is derived from its class, or from its file if it is a function such as
+    `main`.
     """
     if re.search(NODE_NAME.pattern, name) and name not in _PROCESS_NAMES:
         return name
@@ -55,12 +56,12 @@ def node_key(target: str, name: str = "") -> str:
 
 
 def has_node(template: str) -> bool:
-    """Return whether a template has a Python node under test."""
+    """Return True if a template has a Python node under test."""
     return _NODE.search(template) is not None
 
 
 def with_node(template: str, target: str = "") -> str:
-    """A template whose node under test is `target`, by default its own, under a key of its own."""
+    """Return a template with `target` as its node under test, under a key derived from it."""
 
     def named(found: re.Match[str]) -> str:
         written = target or found["target"]

@@ -2,10 +2,10 @@
 
 Every call of `create_publisher`, `create_subscription`, `create_service` and `declare_parameter` on
 `self` counts, in the class and in the base classes that its package defines. A class whose calls
-have literal arguments is complete: a topic is a literal, a name that is bound to one once, or the
-value of a parameter with a literal name. Otherwise, and where the node is passed to unknown code,
-the interface says why there may be more. A function has the interface of the only class of a node
-that it makes.
+have literal arguments is complete: a topic is a literal, a name that is bound to a literal once, or
+the value of a parameter with a literal name. Otherwise, and if the node is passed to unknown code,
+the interface says why there may be more. A function has the interface of the only node class that
+it instantiates.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ _HELPERS: Final[Mapping[str, _Helper]] = {
 
 
 def unknown_interface(why: str) -> InterfaceEntry:
-    """Return the interface of a node of which nothing is known, and why."""
+    """Return the interface of a node of which nothing is known, with the reason."""
     return InterfaceEntry(
         None, None, None, origin="source", may_publish_more=why, may_subscribe_more=why
     )
@@ -89,7 +89,7 @@ def read_node_class(
     path: Path | None = None,
     read: python_files.ReadSource = lambda _: None,
 ) -> InterfaceEntry:
-    """Return the interface of a class of a file, or of the function that makes a node of one.
+    """Return the interface of a class, or of a function that creates a node.
 
     Args:
         tree: of the file.

@@ -164,7 +164,7 @@ def _transform_endpoints(spec: Spec, owner: str) -> Iterator[WiredEndpoint]:
 
 
 def latched_qos(played: PlaybackInput) -> QoS:
-    """Return the profile of an input: what is published once is kept for later subscriptions."""
+    """Return the QoS of an input: a message that is published once is kept for late subscribers."""
     if played.rate != "once":
         return played.qos
     return msgspec.structs.replace(played.qos, reliability="reliable", durability="transient_local")

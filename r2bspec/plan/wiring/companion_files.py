@@ -122,7 +122,7 @@ class CompanionReader:
         return CompanionFiles(interfaces, interface_errors, files, sources, starts)
 
     def usable_interface(self, key: str, node: Node) -> InterfaceEntry | str | None:
-        """The recorded interface, or why it cannot be used, for example for another target."""
+        """Return the recorded interface, or why it cannot be used, such as another target."""
         entry = self._interface(key)
         if not isinstance(entry, InterfaceEntry) or entry.recorded_from is None:
             return entry
@@ -154,7 +154,7 @@ def _read_interface(
 def read_source(
     target: str, base_dir: Path, budget: safe_file.ByteBudget | None = None
 ) -> tuple[InterfaceEntry, NodeStart | None]:
-    """What the source of a Python node says: its topics, or why they are unknown, and its start.
+    """Return the topics of a Python node from its source, or why they are unknown, and its start.
 
     Args:
         target: as the spec names it.

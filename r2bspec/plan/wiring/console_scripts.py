@@ -1,6 +1,6 @@
 """Console scripts of Python packages: the function that an executable of a ROS package calls.
 
-An installed package says it in its metadata; the source of one, as colcon builds it, in
+An installed package has it in its metadata; the source of a package, as colcon builds it, in
 ``setup.py``, ``setup.cfg`` or ``pyproject.toml``. All of them are read, and none is executed.
 """
 
@@ -26,7 +26,7 @@ _NAME: Final = re.compile(r"<name>\s*([\w.-]+)\s*</name>")
 
 @shared_lookup
 def installed_script(package: str, executable: str) -> str:
-    """The ``module.function`` that a script of an installed package calls; empty if unknown."""
+    """Return the function that a script of an installed package calls; empty if unknown."""
     import importlib.metadata
 
     try:
@@ -41,7 +41,7 @@ def installed_script(package: str, executable: str) -> str:
 
 @shared_lookup
 def source_script(folder: Path, package: str, executable: str) -> tuple[Path, str] | None:
-    """The file and the function of a console script of a package whose source is in a folder.
+    """Return the file and function of a console script of a package in source form.
 
     Args:
         folder: in which packages are looked for, to a limited depth.

@@ -29,16 +29,16 @@ class ResolvedName(NamedTuple):
 
 
 def join_namespaces(outer: str, inner: str) -> str:
-    """The full namespace of `inner`, as written, inside `outer`: absolute, ``/`` for the root.
+    """Return the full namespace of `inner` inside `outer`: absolute, ``/`` for the root.
 
-    An absolute `inner` is returned as it is; an empty one adds nothing.
+    An absolute `inner` is returned as it is; an empty `inner` adds nothing.
     """
     text = inner if inner.startswith("/") else f"{outer}/{inner}"
     return "/" + "/".join(token for token in text.split("/") if token)
 
 
 def is_node_parameter(name: str) -> bool:
-    """Return whether a parameter is one that every node has, or one for the QoS of its topics."""
+    """Return True for a parameter of every node, or for the QoS of its topics."""
     return name in {"use_sim_time", "start_type_description_service"} or name.startswith(
         "qos_overrides."
     )
@@ -63,7 +63,7 @@ def expand(name: str, node: str, namespace: str) -> str:
 
 
 class Remapper:
-    """The names of one node: its remapping rules are expanded once for all of its topics.
+    """The names of a node: its remapping rules are expanded once for all of its topics.
 
     As in rcl, both sides of a rule are expanded in the node's namespace, the first rule whose left
     side equals the expanded name is applied, and its result is not remapped again.

@@ -3,9 +3,9 @@
 The sources, in order of precedence: ``publishes:`` and ``subscribes:`` in the spec, the node's file
 in the folder `interfaces` next to the spec if it was recorded from this node, the catalogue of
 known packages, the table of the reference nodes, and the source of a Python node next to the spec.
-Nothing is guessed: what no source describes is None. A recorded interface is used for nothing else
-than what it was recorded from: a node of another spec may have the same key, and a node may change
-after it was recorded.
+Nothing is guessed: what no source describes is None. A recorded interface is used only for the node
+that it was recorded from: a node of another spec may have the same key, and a node may change after
+it was recorded.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def node_target(node: Node) -> str:
 
 
 def files_digest(node: Node, base_dir: Path) -> str:
-    """SHA-256 of the files of a node in the folder of its spec; empty if there are none."""
+    """Return the SHA-256 of the files of a node in the folder of its spec; empty without files."""
     import hashlib
 
     digests = []
@@ -242,7 +242,7 @@ def interface_of(
     names: Remapper,
     parameters: Mapping[str, ParameterValue],
 ) -> Interface:
-    """Return the interface of a node; each part is from the first source that describes it.
+    """Return the interface of a node, each part from the first source that describes it.
 
     Args:
         node: the node as the spec has it.

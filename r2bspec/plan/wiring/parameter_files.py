@@ -52,12 +52,12 @@ class ParameterFile:
 
     @cached_property
     def number_of_values(self) -> int:
-        """How many parameters all keys have together."""
+        """The number of parameters of all keys together."""
         return sum(len(values) for _, values in self.nodes)
 
     @cached_property
     def number_of_wildcards(self) -> int:
-        """How many keys have wildcards; each is compared with the name of every node."""
+        """The number of keys with wildcards; each is compared with the name of every node."""
         return sum("*" in key for key, _ in self.nodes)
 
     @cached_property
@@ -79,7 +79,7 @@ class ParameterFile:
         return own.union(*(values for key, values in self.nodes if key == full_name))
 
     def matching(self, full_name: str) -> list[Mapping[str, ParameterValue]]:
-        """The parameters of every key that matches a full node name, in the order of the file."""
+        """Return the parameters of every key that matches a full node name, in file order."""
         same = self._positions.get(full_name, []) if full_name else []
         wild = [at for at in self._positions[""] if node_key_matches(self.nodes[at][0], full_name)]
         return [self.nodes[position][1] for position in sorted((*same, *wild))]
@@ -90,9 +90,9 @@ def read_parameter_file(
 ) -> ParameterFile:
     """Read a parameter file; problems are in the result.
 
-    A path may lead anywhere, because it is there to be read in the spec, but a link may not lead
-    out of its folder or that of the spec. No text of a file outside of the folder of the spec
-    is shown: it may be any file of this machine.
+    A path may lead anywhere, because it is visible in the spec, but a link may not lead out of its
+    folder or that of the spec. No text of a file outside of the folder of the spec is shown: it may
+    be any file of this machine.
 
     Args:
         path: the file.
@@ -143,13 +143,13 @@ def read_parameter_file(
 
 
 class ParameterEffort:
-    """What the parameter files of a spec cost, over all of its files and cases."""
+    """The cost of the parameter files of a spec, over all of its files and cases."""
 
     def __init__(self) -> None:
         self._left = limits.MAX_VALUES_OF_CASES
 
     def limited(self, file: ParameterFile, number_of_nodes: int) -> ParameterFile:
-        """Return the file, or why it cannot be used by that many nodes of one more case.
+        """Return the file, or why that many nodes of another case cannot use it.
 
         Each node gets values of its own.
         """
@@ -217,7 +217,7 @@ def _key_pattern(key: str) -> LinePattern:
 
 
 def node_key_matches(key: str, full_name: str) -> bool:
-    """Return whether a node key of a `ParameterFile` matches a full node name.
+    """Return True if a node key of a `ParameterFile` matches a full node name.
 
     ``*`` is one character or more of a token, and ``**`` any number of tokens.
     """

@@ -1,8 +1,8 @@
-"""Python files of nodes: where they may be read, as modules of their package, and what they name.
+"""Python files of nodes: where they may be read, as modules of their package, and their names.
 
-Nothing is imported: a module is found by its name in the folder of the importing file. A
-node named by its file, such as ``../src/pkg/pkg/node.py:Node``, is a module of its package, so that
-it may import the others of it: ``from pkg.helper import …``, ``from . import …``.
+Nothing is imported: a module is found by its name in the folder of the importing file. A node named
+by its file, such as ``../src/pkg/pkg/node.py:Node``, is a module of its package, so that it may
+import other modules of it: ``from pkg.helper import …``, ``from . import …``.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ReadSource = Callable[[Path], ast.Module | None]
 
 @shared_lookup
 def source_folder(base_dir: Path) -> Path:
-    """Where sources of nodes may be read: the work tree or workspace of a spec, or its folder."""
+    """Return where sources may be read: the work tree or workspace of a spec, or its folder."""
     return find_work_tree(base_dir) or _find_workspace(base_dir) or base_dir
 
 
@@ -138,7 +138,7 @@ def source_file(
 
 
 def find_definition(file: SourceFile, name: str) -> Definition | None:
-    """Return what a name at the top level of a file means, also if the file imports it."""
+    """Return the definition of a top-level name of a file, following imports."""
     for _ in range(MAX_BASE_CLASSES):
         found = file.names.definition(name)
         if found is not None:
@@ -151,7 +151,7 @@ def find_definition(file: SourceFile, name: str) -> Definition | None:
 
 
 def find_constant(file: SourceFile, name: str) -> tuple[SourceFile, ast.expr] | None:
-    """Return the value of a variable at the top level of a file, also if the file imports it."""
+    """Return the value of a top-level variable of a file, following imports."""
     for _ in range(MAX_BASE_CLASSES):
         if (value := file.names.constant(name)) is not None:
             return file, value

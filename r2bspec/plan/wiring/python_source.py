@@ -1,10 +1,10 @@
-"""What the source of a Python file says of its classes and functions, without running it.
+"""The classes and functions of a Python file, read without running it.
 
 Names mean what the text alone determines. How a node can be started: a constructor that passes its
-``**kwargs`` to `Node` receives name, namespace, remappings and parameters as keyword arguments. One
-that takes none receives them as the global ROS arguments of a process, as by ``ros2 run``, so that
-its process can hold no other node. A function that calls ``rclpy.init`` itself, such as the
-``main`` of an ordinary node, is a program of its own.
+``**kwargs`` to `Node` receives name, namespace, remappings and parameters as keyword arguments. A
+constructor without them receives these as the global ROS arguments of a process, as by ``ros2
+run``, so that its process can hold no other node. A function that calls ``rclpy.init`` itself, such
+as the ``main`` of an ordinary node, is a program of its own.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class SourceNames:
         return self._tree.body
 
     def definition(self, name: str) -> ast.FunctionDef | ast.ClassDef | None:
-        """The function or class at the top level, if nothing else in the file binds its name."""
+        """Return the function or class at the top level, if nothing else binds its name."""
         if name in self._imported or self._has_star_import:
             return None
         match self._bound.get(name):
@@ -65,14 +65,14 @@ class SourceNames:
         return None
 
     def imported_from(self, name: str) -> tuple[int, str, str] | None:
-        """The level, the module and the name of the only ``from`` import that binds a name."""
+        """Return level, module and name of the only ``from`` import that binds a name."""
         if name in self._bound or self._has_star_import or len(self._imported.get(name, ())) != 1:
             return None
         origins = self._origins.get(name, set())
         return next(iter(origins)) if len(origins) == 1 else None
 
     def constant(self, name: str) -> ast.expr | None:
-        """The value of a variable at the top level, if nothing else in the file binds its name."""
+        """Return the value of a variable at the top level, if nothing else binds its name."""
         if name in self._imported or self._has_star_import or len(self._bound.get(name, ())) != 1:
             return None
         for statement in self._tree.body:
@@ -199,7 +199,7 @@ def _required(arguments: ast.arguments, bound: int) -> tuple[str, ...]:
 
 
 def is_program(function: ast.FunctionDef) -> bool:
-    """Return whether a function initialises ROS itself and returns no node."""
+    """Return True if a function initialises ROS itself and returns no node."""
     nodes = list(own_nodes(function.body))
     returned = (node.value for node in nodes if isinstance(node, ast.Return))
     called = (node.func for node in nodes if isinstance(node, ast.Call))

@@ -1,10 +1,10 @@
 """Reading a quality-of-service profile from Python source, without running it.
 
 A profile is a depth, a preset of rclpy, or ``QoSProfile(...)`` whose arguments are literals and
-names of policies; it is given inline, by a variable that is bound once, by a constant of the class,
-of the file or of one of its package, or by what a function or method returns. Statements such as
-``profile.durability = ...`` in the same scope count. What is written in any
-other way is not known.
+names of policies. It is given inline, by a variable that is bound once, by a constant of the class,
+of the file or of a file of its package, or by the return value of a function or method. Statements
+such as ``profile.durability = ...`` in the same scope count. A profile that is written in any other
+way is not known.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def read_profile(
     values: Mapping[str, ast.expr | None],
     scope: ast.AST,
 ) -> QoS | None:
-    """Return the profile that an argument means; None if the text does not say it.
+    """Return the profile that an argument means; None if the text does not tell.
 
     Args:
         given: the argument.

@@ -1,6 +1,6 @@
 """The wiring of a spec: every known publisher and subscription of every topic, as a graph.
 
-networkx takes long to import, so it is imported where the first question about the graph is asked.
+networkx takes long to import, so it is imported for the first question about the graph.
 """
 
 from __future__ import annotations
