@@ -1,7 +1,7 @@
 """State, run and gate performance benchmarks of ROS 2 graphs.
 
-The names below are all there is to import; each loads its stage when it is first used, so that
-``import r2bspec`` costs nothing and needs no ROS.
+The names below are the public interface; each loads its stage on first use, so that ``import
+r2bspec`` costs nothing and needs no ROS.
 """
 
 import sys

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 class GraphMismatchError(R2bspecError):
-    """A run has failed by what has a place in the spec: the graph differs, or a process has ended.
+    """A run failed at a place of the spec: the graph differs, or a process has ended.
 
     Attributes:
         diagnostics: the differences, at their places in the spec, sorted by place.
@@ -97,7 +97,7 @@ def load(spec: SpecSelection | Path | str, **values: Unpack[SelectionValues]) ->
 def validate(
     spec: SpecSelection | Path | str, **values: Unpack[SelectionValues]
 ) -> tuple[Diagnostic, ...]:
-    """Return all findings in any case of a spec, or in one, sorted by place.
+    """Return all findings in all cases of a spec, or in a selected case, sorted by place.
 
     Nothing that the spec names is executed. The arguments are those of `prepare`.
     """
@@ -251,7 +251,7 @@ def run(
 def queued_host(
     name: str, seconds: float, wait_s: float | None, progress: Progress
 ) -> AbstractContextManager[None]:
-    """Have this host to oneself, after those who came before.
+    """Wait for the runs that came before, then hold this host for the block.
 
     Args:
         name: of the benchmark, for those who wait.
@@ -330,7 +330,7 @@ def run_pairs(
     force: bool = False,
     wait_s: float | None = math.inf,
 ) -> Result:
-    """Compare a graph with another one, in interleaved runs on real ROS 2.
+    """Compare a graph with another graph, in interleaved runs on real ROS 2.
 
     Args:
         head: to be judged.
@@ -412,8 +412,8 @@ def run_gated(
 ) -> Result:
     """Compare a spec and its code with the base of a merge gate, in interleaved runs.
 
-    Without a base to compare with, the head alone is run and judged; the result says why. The
-    caller has the lock of the host.
+    Without a base, the head alone is run and judged; the result says why. The caller has the lock
+    of the host.
 
     Args:
         gate: from `open_gate`.
@@ -476,5 +476,5 @@ def default_run_folder(name: str) -> Path:
 
 
 def folder_name(name: str) -> str:
-    """The name of a benchmark, with its case, as the name of a folder: ``relay_threads=2``."""
+    """Return the name of a benchmark and its case as a folder name: ``relay_threads=2``."""
     return re.sub(r"[^A-Za-z0-9_.=-]+", "_", name).strip("_") or "run"

@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 
 
 class ExitStatus(IntEnum):
-    """How a process of r2bspec ends; a number that says it to a shell or a pipeline.
+    """How a process of r2bspec ends, as the number that a shell or a pipeline reads.
 
     Attributes:
         meaning: one clause, as ``--help`` and the documentation show it.
@@ -17,7 +17,7 @@ class ExitStatus(IntEnum):
     meaning: str
 
     def __new__(cls, value: int, meaning: str) -> ExitStatus:
-        """Return a status that is its number, and knows its meaning."""
+        """Return a status that is its number, and has its meaning as text."""
         status = int.__new__(cls, value)
         status._value_ = value
         status.meaning = meaning
@@ -70,7 +70,7 @@ OUTPUT_FOLLOWS: Final = "; its last output:\n"
 
 
 def split_output(message: str) -> tuple[str, str]:
-    """Return what is said of a process, and the last lines of its output, if some follow."""
+    """Return the message on a process, and the last lines of its output, if any follow."""
     text, _, output = message.partition(OUTPUT_FOLLOWS)
     return text, output
 
@@ -91,12 +91,12 @@ _REFUSALS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS})
 
 
 def is_refusal(error: OSError) -> bool:
-    """Whether it says that the disk, or a limit of the user, has no room for what is written."""
+    """Return True if an error says that the disk, or a limit of the user, has no room."""
     return error.errno in _REFUSALS
 
 
 def refusal_hint(error: OSError) -> str:
-    """Return the way out of it."""
+    """Return the remedy of a full disk or a limit."""
     if error.errno == errno.EFBIG:
         return "Raise the limit on the size of a file: ulimit -f unlimited."
     if error.errno in {errno.EMFILE, errno.ENFILE}:
@@ -107,6 +107,6 @@ def refusal_hint(error: OSError) -> str:
 
 
 def refusal_text(error: OSError) -> str:
-    """Return the error with its file, where that is known."""
+    """Return the error with its file, if that is known."""
     what = error.filename or "a file of the run"
     return f"{what} cannot be written: {error.strerror or error}"

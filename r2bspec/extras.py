@@ -9,8 +9,8 @@ from urllib.parse import unquote, urlsplit
 def install_command(extra: str) -> str:
     """Return the command that installs an extra from where the package was installed.
 
-    A package that was installed from a folder or a repository says so in direct_url.json
-    (https://peps.python.org/pep-0610/); an index may not have it.
+    A package that was installed from a folder or a repository has that in direct_url.json
+    (https://peps.python.org/pep-0610/); an index may not have the package.
     """
     # Every process of a run imports this module, and reads no metadata.
     from importlib.metadata import PackageNotFoundError, distribution

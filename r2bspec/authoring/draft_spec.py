@@ -534,7 +534,7 @@ def draft_text(
     recording: DraftRecording | None,
     base_dir: Path,
 ) -> str:
-    """Return a spec with what is known, and comments about what is not.
+    """Return a spec of the known parts, with comments about the unknown parts.
 
     Args:
         name: of the benchmark.

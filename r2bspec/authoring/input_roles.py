@@ -1,4 +1,4 @@
-"""How `init` lets the inputs of a recording be played.
+"""How `init` plays the inputs of a recording.
 
 One input leads: each of its messages makes a step. Inputs of the same rate whose stamps match those
 of the leading input are in the steps, too. Other inputs are played between the steps, at their own
@@ -32,7 +32,7 @@ _MILLISECOND_NS: Final = 1_000_000
 def lead_of(inputs: Mapping[str, TopicInfo], answered: Collection[str]) -> str:
     """Return the input that makes the steps; empty without inputs.
 
-    Where it is known which messages make a node publish, it is one of these inputs; otherwise the
+    If it is known which messages make a node publish, it is one of these inputs; otherwise the
     slowest input, because a node that joins inputs publishes once for each message of the slowest.
     """
     latched = latched_inputs(inputs)
@@ -42,7 +42,7 @@ def lead_of(inputs: Mapping[str, TopicInfo], answered: Collection[str]) -> str:
 
 
 def latched_inputs(inputs: Mapping[str, TopicInfo]) -> set[str]:
-    """Return the inputs of which one message is enough, such as maps; never all of them."""
+    """Return the inputs of which a single message is enough, such as maps; never all of them."""
     most = max((info.count for info in inputs.values()), default=0)
     latched = set()
     for topic, info in inputs.items():
@@ -141,9 +141,9 @@ def _slop_ns(lead_ns: Sequence[int], other_ns: Sequence[int]) -> int | None:
 
 
 def input_qos(offered: QoS | None, requested: Collection[QoS]) -> dict[str, Any]:
-    """Return the fields of the profile of an input that are no defaults.
+    """Return the QoS fields of an input that differ from the default.
 
-    It is what the recorded publishers offered, as far as the nodes of the graph accept that.
+    They are what the recorded publishers offered, as far as the nodes of the graph accept that.
     """
     profile, default = offered or QoS(), QoS()
     changed: dict[str, Any] = {}

@@ -1,9 +1,9 @@
 """The nodes of a launch file, for a first spec: all of it, or the file as one node.
 
-A file in Python is executed with stand-ins for launch, and becomes nodes, containers and further
-launch files. If anything that it starts, or says of that, is not known, it is one ``launch`` node
-of the whole file, with its arguments: half of a graph is not the graph. A file in XML or YAML is
-always one. What a run does in another way than `ros2 launch` is noted with its line.
+A Python file is executed with stand-ins for launch, and becomes nodes, containers and further
+launch files. If anything that it starts is not fully known, it becomes one ``launch`` node of the
+whole file, with its arguments: half of a graph is not the graph. A file in XML or YAML always
+becomes one node. Differences between a run and `ros2 launch` are noted with their lines.
 """
 
 from __future__ import annotations

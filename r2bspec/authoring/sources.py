@@ -1,6 +1,6 @@
 """First specs from what a person has: a recording, a launch file, a node, a running system.
 
-Each source adds nodes to a draft, and what it does not tell; the recording adds the inputs.
+Each source adds nodes to a draft, and notes what it does not tell; the recording adds the inputs.
 `draft_spec` writes the spec, `launch_source` reads launch files; nothing is executed. Nodes of the
 running ROS graph are external nodes of a spec, because a graph does not tell how they are started.
 """
@@ -71,7 +71,7 @@ class InitSources:
 
 @dataclass(frozen=True, slots=True)
 class FirstSpec:
-    """A first spec: its text, and what it says in another way than its sources."""
+    """A first spec: its text, and how it differs from its sources."""
 
     text: str
     findings: tuple[Diagnostic, ...] = ()

@@ -24,7 +24,7 @@ from r2bspec.bags.storage.storage import (
 
 
 def index_bag(path: Path) -> recording.BagIndex:
-    """Index a bag folder, or a lone storage file, without message bodies.
+    """Index a bag folder, or a single storage file, without message bodies.
 
     If metadata and storage differ in topics, types or counts, this is an error; times are those of
     the storage, because some recorders write wrong ones. For bags whose files are compressed as a
@@ -107,7 +107,7 @@ def _files_without_metadata(path: Path) -> tuple[str, ...]:
 
 
 def unnamed_files(path: Path, index: recording.BagIndex) -> tuple[str, ...]:
-    """Return the storage files in the folder of a bag that are no part of it."""
+    """Return the storage files in the folder of a bag that do not belong to it."""
     if not path.is_dir():
         return ()
     named = {name.removesuffix(PACKED) for name in index.files}

@@ -1,4 +1,4 @@
-"""Whether a bag is what it was: hashes of its files and of its content, and its verification.
+"""The integrity of a bag: hashes of its files and of its content, and its verification.
 
 A bag on disk is verified against its metadata and its provenance.
 """
@@ -37,7 +37,7 @@ class ContentHash:
                 self._topics[name].update(_encode_int(len(encoded)) + encoded)
 
     def add(self, message: recording.RecordedMessage) -> None:
-        """Add one message; those of one topic must be in order of time."""
+        """Add a message; the messages of a topic must be in order of time."""
         topic = self._topics[message.topic]
         topic.update(_encode_int(message.time_ns - self._start_ns) + _encode_int(len(message.data)))
         topic.update(message.data)
@@ -51,7 +51,7 @@ class ContentHash:
 
 
 def hash_files(path: Path) -> str:
-    """SHA-256 over the names, sizes and bytes of all files of a bag, streamed.
+    """Return the SHA-256 over the names, sizes and bytes of all files of a bag, streamed.
 
     Raises:
         DataError: the bag does not exist (R2B301) or a file cannot be read (R2B304).

@@ -65,7 +65,7 @@ _SECOND_NS: Final = 1_000_000_000
 
 
 def read_stamp(message: bytes | bytearray, offset: int = ENCAPSULATION_BYTES) -> int:
-    """The stamp in nanoseconds, by default the header stamp of a type that begins with a header.
+    """Return the stamp in ns, by default the header stamp of a type that begins with a header.
 
     Raises:
         struct.error: the message is too short.
@@ -86,7 +86,7 @@ def typestore() -> Typestore:
 
 @cache
 def begins_with_header(name: str) -> bool | None:
-    """Return whether the first field of a type is a std_msgs/Header; None for an unknown type."""
+    """Return True if the first field of a type is a std_msgs/Header; None if unknown."""
     if name in WITH_HEADER:
         return True
     if name in WITHOUT_HEADER:
@@ -101,7 +101,7 @@ def begins_with_header(name: str) -> bool | None:
 
 
 def types_of_same_package(name: str) -> frozenset[str]:
-    """Return all types of the package of `name`, if it is a common package; otherwise none."""
+    """Return all types of the package of `name`, if it is a common package, else none."""
     if name in WITH_HEADER or name in WITHOUT_HEADER:
         return frozenset({name})
     package = name.partition("/")[0]

@@ -24,7 +24,7 @@ _OLD_TYPE = re.compile(r"(?P<package>[^/]+)/(?P<name>[^/]+)")
 
 
 class FileSpan(msgspec.Struct, frozen=True, kw_only=True):
-    """The times of the first and the last message of one storage file, in ns."""
+    """The times of the first and the last message of a storage file, in ns."""
 
     name: str
     start_ns: int

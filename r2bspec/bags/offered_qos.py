@@ -22,10 +22,10 @@ _UNLESS_ALL: Final = {
 
 
 def offered_profile(text: str) -> QoS | None:
-    """Return what all recorded publishers of a topic offered; None if nothing is known of it.
+    """Return the common QoS of all recorded publishers of a topic; None if unknown.
 
-    Of several profiles each field has the weaker value, as a subscription to all of them requests
-    it. Discovery, from which a recorder has the profiles, tells no depth.
+    If profiles differ, each field has the weaker value, as a subscription to all of them requests
+    it. Discovery, from which a recorder has the profiles, does not tell the depth.
 
     Args:
         text: the profiles as metadata.yaml has them.

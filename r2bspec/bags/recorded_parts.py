@@ -1,4 +1,4 @@
-"""Recordings with a gap, of which one part is meant.
+"""Recordings with a gap, of which only one part is wanted.
 
 A recorder that was started before the clock of a simulation, or before the clock of the machine was
 set, records a few messages at another time than the rest. The rates and the length of such a

@@ -45,7 +45,7 @@ class TopicTimes(NamedTuple):
 
     @property
     def is_stuck(self) -> bool:
-        """Whether there are several messages, and their stamps are all the same, such as 0."""
+        """Whether there are several messages whose stamps are all the same, such as 0."""
         return len(self.stamps_ns) > 1 and len(set(self.stamps_ns)) == 1
 
     @property
@@ -58,7 +58,7 @@ class TopicTimes(NamedTuple):
 
     @property
     def ahead_ns(self) -> int:
-        """How far the stamps are ahead of the times of recording: the median, to a millisecond.
+        """How far the stamps are ahead of the times of recording: the median, rounded to 1 ms.
 
         Stamps that were not set do not count.
         """
@@ -68,7 +68,7 @@ class TopicTimes(NamedTuple):
 
     @property
     def clock(self) -> Literal["same", "stuck", "simulated", "other", "partly"]:
-        """Which clock the stamps are of, compared with the times of recording."""
+        """The clock of the stamps, compared with the times of recording."""
         first_ns = next((stamp_ns for stamp_ns in self.stamps_ns if stamp_ns), 0)
         if self.is_stuck:
             return "stuck"
@@ -80,7 +80,7 @@ class TopicTimes(NamedTuple):
 
     @property
     def clock_text(self) -> str:
-        """What is said of another clock; empty for the same."""
+        """A clause on the clock, if it is another clock; else empty."""
         count = len(self.stamps_ns)
         match self.clock:
             case "stuck" if not self.stamps_ns[0]:
@@ -109,7 +109,7 @@ class RecordedTimes(msgspec.Struct, frozen=True, kw_only=True):
 def read_times(
     path: Path, index: BagIndex, topics: Collection[str], window: TimeWindow | None = None
 ) -> dict[str, TopicTimes] | None:
-    """Return the times of those of the topics that are in the bag as CDR, by these names.
+    """Return the times of the topics that are in the bag as CDR, by these names.
 
     At most 256 MiB are read. None if the bag or the window cannot be read, which others report.
     """

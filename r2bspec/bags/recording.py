@@ -96,7 +96,7 @@ WritableStorage = Literal["sqlite3", "mcap"]
 
 
 class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
-    """One topic of a bag.
+    """A topic of a bag.
 
     Attributes:
         name: as recorded, usually with a leading slash.
@@ -179,7 +179,7 @@ class BagIndex(msgspec.Struct, frozen=True, kw_only=True):
         return self.topics.get(topic[1:] if topic.startswith("/") else f"/{topic}")
 
     def types(self, topics: Iterable[str]) -> dict[str, str]:
-        """Return the types of those of the topics that it has, by the given names."""
+        """Return the types of the topics that it has, by the given names."""
         return {topic: info.type for topic in topics if (info := self.find(topic)) is not None}
 
 
@@ -195,12 +195,12 @@ class TimeWindow(msgspec.Struct, frozen=True, kw_only=True):
     end_ns: int | None = None
 
     def contains(self, offset_ns: int) -> bool:
-        """Return whether an instant, in ns after the start of the bag, lies inside."""
+        """Return True if an instant, in ns after the start of the bag, lies inside."""
         return self.start_ns <= offset_ns and (self.end_ns is None or offset_ns < self.end_ns)
 
 
 class Selection(msgspec.Struct, frozen=True, kw_only=True):
-    """Messages of topics: with start <= time < stop, in ns since the epoch; None is no bound."""
+    """Messages of topics with start <= time < stop, in ns since the epoch; None is no bound."""
 
     names: frozenset[str]
     start_ns: int | None = None
@@ -208,7 +208,7 @@ class Selection(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RecordedMessage(msgspec.Struct, frozen=True, kw_only=True):
-    """One recorded message: the CDR bytes as a publisher sent them, 4 bytes of header first.
+    """A recorded message: the CDR bytes of its publisher, with 4 bytes of header first.
 
     Attributes:
         topic: as recorded.
@@ -255,7 +255,7 @@ RECORD_NAME = "dataset.json"
 
 
 class TopicRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """One topic of a synthetic dataset, with values that are not in its storage."""
+    """A topic of a synthetic dataset, with values that are not in its storage."""
 
     type: str
     count: int
@@ -324,7 +324,7 @@ def write_provenance(folder: Path, record: DatasetRecord) -> None:
 
 
 def merge_indexes(indexes: Sequence[BagIndex]) -> BagIndex | None:
-    """The index of all recordings together, from the first message of any to the last of any.
+    """Return the index of all recordings together, from the first message to the last.
 
     The message counts of a topic in several recordings are added; its type is that of the first.
     None without recordings.
@@ -353,11 +353,11 @@ def _all_of(known: str, name: str) -> str:
 
 
 def merge_topics(infos: Iterable[TopicInfo], duration_ns: int) -> dict[str, TopicInfo]:
-    """Return the topics by name, sorted; the message counts of several entries of one are added.
+    """Return the topics by name, sorted; message counts of the same topic are added.
 
-    Types and encodings that differ are all named, so that nothing takes one for the other.
-    Everything else is that of the first entry. A rate that is not known is the mean from the first
-    to the last message or, where these are not known, over the duration.
+    Types and encodings that differ are all named, so that none is taken for another. Everything
+    else is that of the first entry. An unknown rate is the mean from the first to the last message
+    or, if these are unknown, over the duration.
     """
     merged: dict[str, TopicInfo] = {}
     for info in infos:

@@ -1,4 +1,4 @@
-"""The verbs that write what a benchmark starts from: ``init`` and ``interfaces``."""
+"""The verbs that write the first files of a benchmark: ``init`` and ``interfaces``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Finds the files of specs, checks them, one or thousands, and repairs them.
+"""Finds the files of specs, checks and repairs them.
 
-Of a document only its findings are kept, and its text where they refer to it, so that memory
-does not grow with the number of files.
+Of a document only its findings are kept, and its text if they refer to it, so that memory does not
+grow with the number of files.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ SUFFIX = ".r2b.yaml"
 
 
 def spec_files(paths: Iterable[str]) -> list[str]:
-    """The files of `paths`, each once: in the given order, folders and patterns sorted by name.
+    """Return the files of `paths` once, in the given order; folders and patterns sorted by name.
 
     Raises:
         click.UsageError: a path that does not exist, or without a spec.
@@ -79,7 +79,7 @@ class CheckOptions(msgspec.Struct, frozen=True):
 
 
 class FileReport(msgspec.Struct, frozen=True):
-    """One file after its check.
+    """The result of checking a file.
 
     Attributes:
         file: its name for the user.
@@ -130,7 +130,7 @@ def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileRep
 
 
 def naming_the_file(check: Callable[[str], T], file: str) -> T:
-    """Return the result of a check, whose unforeseen errors say which file led to them.
+    """Return the result of a check; an unforeseen error names the file that led to it.
 
     Raises:
         InternalError: the check raised what no code foresaw.
@@ -146,7 +146,7 @@ def naming_the_file(check: Callable[[str], T], file: str) -> T:
 
 
 def check_file(file: str, options: CheckOptions) -> FileReport:
-    """Check one file; ``-`` is standard input."""
+    """Check a file; ``-`` is standard input."""
     cases = _load(Path(file), file, options)
     findings = _findings(cases, options)
     return FileReport(
@@ -256,7 +256,7 @@ def read_text(file: str) -> str | None:
 
 
 def write_text(file: str, text: str) -> None:
-    """Replace or make a file atomically; a link, the mode and the owner are kept.
+    """Replace or create a file atomically; a link, the mode and the owner are kept.
 
     Raises:
         UsageError: it cannot be written, or is a link to a file in another folder, which may be

@@ -1,6 +1,6 @@
 """What a shell proposes for the values of options and arguments.
 
-A proposal never fails: where something cannot be read, nothing is proposed.
+A proposal never fails: if something cannot be read, nothing is proposed.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def _spec_of(_ctx: click.Context) -> Path:
 
 @_proposals
 def complete_case(ctx: click.Context) -> Iterable[str]:
-    """The cases of the spec, and ``all``."""
+    """Propose the cases of the spec, and ``all``."""
     from r2bspec.language.load_spec import load_cases
 
     return [*(case.case for case in load_cases(_spec_of(ctx)) if case.case), "all"]
@@ -58,7 +58,7 @@ def complete_case(ctx: click.Context) -> Iterable[str]:
 
 @_proposals
 def complete_variable(ctx: click.Context) -> Iterable[str]:
-    """The variables that the spec declares, as ``NAME=``."""
+    """Propose the variables that the spec declares, as ``NAME=``."""
     from r2bspec.language.load_spec import load_cases
 
     spec = load_cases(_spec_of(ctx))[0].spec
@@ -67,7 +67,7 @@ def complete_variable(ctx: click.Context) -> Iterable[str]:
 
 @_proposals
 def complete_template(_ctx: click.Context) -> Iterable[str]:
-    """The templates of ``init``."""
+    """Propose the templates of ``init``."""
     from r2bspec.language.templates import templates
 
     return list(templates())
@@ -75,7 +75,7 @@ def complete_template(_ctx: click.Context) -> Iterable[str]:
 
 @_proposals
 def complete_topic(_ctx: click.Context) -> Iterable[str]:
-    """The topics of ``docs``: pages, codes and their slugs, metrics."""
+    """Propose the topics of ``docs``: pages, codes and their slugs, metrics."""
     from r2bspec.cli.docs import doc_pages
     from r2bspec.diagnostics.code_pages import all_pages
     from r2bspec.judge.measure.metric_catalogue import names
@@ -86,7 +86,7 @@ def complete_topic(_ctx: click.Context) -> Iterable[str]:
 
 @_proposals
 def complete_dataset(_ctx: click.Context) -> Iterable[str]:
-    """The datasets."""
+    """Propose the datasets."""
     from r2bspec.datasets.catalogue import known_datasets
 
     return known_datasets()
@@ -94,7 +94,7 @@ def complete_dataset(_ctx: click.Context) -> Iterable[str]:
 
 @_proposals
 def complete_report(_ctx: click.Context) -> Iterable[str]:
-    """The formats of reports, as ``FORMAT=``."""
+    """Propose the formats of reports, as ``FORMAT=``."""
     from r2bspec.report.format_registry import FORMATS
 
     return [f"{name}=" for name in FORMATS]

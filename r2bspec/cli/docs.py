@@ -1,4 +1,4 @@
-"""``r2bspec docs``: what r2bspec defines: pages, codes, metrics and schemas."""
+"""``r2bspec docs``: pages, codes, metrics and schemas."""
 
 from __future__ import annotations
 
@@ -229,7 +229,7 @@ def _doc_page(topic: str) -> Path:
 
 
 def docs_folder() -> Path:
-    """Where the pages are: in the installed package, the repository, or what colcon has installed.
+    """Return the folder of the pages: in the package, the repository, or as colcon installed it.
 
     Raises:
         UsageError: this installation has none.

@@ -1,4 +1,4 @@
-"""``r2bspec fleet``: runs are placed on the hosts of a fleet, made there, and fetched."""
+"""``r2bspec fleet``: runs are placed on the hosts of a fleet, played there, and fetched."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def run_command(
 
 @dataclass
 class FleetExecutor:
-    """Makes the runs of a suite on the hosts of a fleet."""
+    """Plays the runs of a suite on the hosts of a fleet."""
 
     suite: Suite
     options: RunArguments
@@ -116,7 +116,7 @@ class FleetExecutor:
         return f"{runs}: about {time_text(total)}"
 
     def play(self, entries: Sequence[SuiteEntry]) -> Playing:
-        """Yield every run when it has ended: first those that need not be made."""
+        """Yield every run when it has ended, first those that need not be played."""
         by_run: dict[FleetRun, SuiteEntry] = {}
         for entry in entries:
             if (settled := self.suite.settled(entry)) is not None:

@@ -1,4 +1,4 @@
-"""What becomes of an error that no code foresaw: a line for the user, the traceback in a file."""
+"""The report of an unforeseen error: a line for the user, the traceback in a file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_FAILURES = 10
 
 
 class Crash(msgspec.Struct, frozen=True):
-    """An unforeseen error as another process can be told of it.
+    """An unforeseen error in a form that another process can read.
 
     Attributes:
         kind: the name of its class.
@@ -56,13 +56,13 @@ class InternalError(R2bspecError):
 
 
 class UncheckedFiles:
-    """The files whose check ended without a result, while that of others goes on."""
+    """The files whose check crashed, while the check of others continues."""
 
     def __init__(self) -> None:
         self._failures: list[tuple[str, R2bspecError]] = []
 
     def add(self, name: str, failure: R2bspecError) -> None:
-        """Keep the failure of one file.
+        """Keep the failure of a file.
 
         Raises:
             R2bspecError: the first failure, if there are so many that it is not a matter of files.

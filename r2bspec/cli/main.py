@@ -119,7 +119,7 @@ def command() -> None:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
+    """Run the command line, and return the exit status."""
     _open_standard_streams()
     output = sys.stdout
     is_ours = output is sys.__stdout__ and isinstance(output, io.TextIOWrapper)

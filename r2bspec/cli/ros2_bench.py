@@ -1,7 +1,7 @@
 """``ros2 bench``: the command line of r2bspec as a command of ros2cli.
 
-ros2cli finds the class by the entry point ``ros2cli.command``, and asks of it no more than its two
-methods and its docstring. It inherits nothing, so that it can be loaded where there is no ros2cli.
+ros2cli loads the class by the entry point ``ros2cli.command``, and needs only its two methods and
+its docstring. It inherits nothing, so that it can be loaded without ros2cli.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class BenchCommand:
         words.completer = _verbs  # type: ignore[attr-defined] # what argcomplete looks for
 
     def main(self, *, parser: argparse.ArgumentParser, args: argparse.Namespace) -> int:  # noqa: ARG002
-        """Run the verb; returns its exit status. ``parser`` is that of ``ros2``."""
+        """Run the verb, and return its exit status. ``parser`` is that of ``ros2``."""
         from r2bspec.cli.main import main
 
         if not args.words:

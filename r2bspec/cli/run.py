@@ -69,7 +69,7 @@ class RunArguments:
         return bool(self.select or self.scan or self.resume or self.fail_fast)
 
     def refuse(self, why: str, *options: str) -> None:
-        """Report the first of some options that is given, if one is.
+        """Report the first given option among some that do not apply.
 
         Raises:
             click.UsageError: with its name and `why`.
@@ -89,7 +89,7 @@ class RunArguments:
 
     @contextlib.contextmanager
     def sparing_inputs(self) -> Iterator[None]:
-        """Within this context, what is read is an input of the run, which no report may replace.
+        """Count files read in the block as inputs of the run, which no report may replace.
 
         Raises:
             ReportUsageError: a report would.

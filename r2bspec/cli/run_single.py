@@ -1,4 +1,4 @@
-"""One run of ``r2bspec run``, or one comparison in pairs: made, reported, and its folder named."""
+"""A run of ``r2bspec run``, or a comparison in pairs: played, reported, and its folder named."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def run_single(selection: SpecSelection, options: RunArguments) -> int:
-    """Run a spec, or compare it; returns the exit status of the verdict.
+    """Run a spec, or compare it, and return the exit status of the verdict.
 
     Raises:
         R2bspecError: it could not be run; with the run folder as a note, where there is one.
@@ -99,7 +99,7 @@ def execute(
     remaining: RemainingTime | None,
     play: Callable[[Progress], Result],
 ) -> Result:
-    """Make a run or a comparison, with its progress shown. The caller has the lock of the host.
+    """Play a run or a comparison, and show its progress. The caller has the lock of the host.
 
     Args:
         options: of the run.
@@ -192,10 +192,10 @@ def write_reports_of(options: RunArguments, folder: Path, spec: Path) -> None:
 
 @contextlib.contextmanager
 def reported_failures(options: RunArguments, folder: OutputFolder, spec: Path) -> Iterator[None]:
-    """The requested reports and ``--format json`` say why there is no run.
+    """Let the requested reports and ``--format json`` say why there is no run.
 
-    The reports do if not even the folder of the run was made. The JSON has what was measured, or
-    else the error.
+    The reports do so if not even the folder of the run was created. The JSON has the measurements,
+    or else the error.
     """
     try:
         yield

@@ -68,7 +68,7 @@ Play = Callable[[SuiteEntry, "RunArguments", RemainingTime], "Result"]
 
 
 def run_suite(specs: Sequence[str], values: SelectionValues, options: RunArguments) -> int:
-    """Make all runs on this host; returns the worst exit status.
+    """Play all runs on this host, and return the worst exit status.
 
     Raises:
         InterruptedRunError: a signal ended a run; the summary of the others has been written.
@@ -129,7 +129,7 @@ def _check_reports(options: RunArguments) -> None:
 
 
 def prepare_entry(entry: SuiteEntry, options: RunArguments) -> None:
-    """Check one spec before anything runs; its error is that of its run."""
+    """Check a spec before anything runs; its error becomes that of its run."""
     selection = entry.selection
     try:
         prepared = prepare_and_report(
@@ -160,7 +160,7 @@ def _assign_folders(entries: Sequence[SuiteEntry], root: Path) -> None:
 
 
 class Suite:
-    """The runs that were made, and the summary of them.
+    """The runs that were played, and their summary.
 
     Attributes:
         gate: what is said of the set of specs, beside that of the base.
@@ -197,12 +197,12 @@ class Suite:
             self.root.mkdir(parents=True, exist_ok=True)
 
     def enter(self, entries: Sequence[SuiteEntry]) -> None:
-        """Take the runs that are to be made, each with its folder."""
+        """Take the runs to play, each with its folder."""
         _assign_folders(entries, self.root)
         self._entries = entries
 
     def run(self, announcement: str, playing: Playing) -> int:
-        """Make the runs, then print the summary; returns the worst exit status."""
+        """Play the runs, print the summary, and return the worst exit status."""
         if self._entries and not self._options.quiet:
             echo(announcement, err=True)
         try:
@@ -223,7 +223,7 @@ class Suite:
         return self._summary().exit_status
 
     def refuse(self) -> int:
-        """Play nothing, because some runs have an error; returns the worst exit status."""
+        """Play nothing, because some runs have an error, and return the worst exit status."""
         for entry in self._entries:
             if entry.error is not None:
                 entry.run = self.failed(entry, entry.error)
@@ -246,7 +246,7 @@ class Suite:
             )
 
     def add(self, entry: SuiteEntry, run: suites.SuiteRun) -> None:
-        """Take a run into the summary, and write it."""
+        """Add a run to the summary, and write it."""
         entry.run = run
         began = time.monotonic()
         if began - self._written < _SUMMARY_SHARE * self._writing:
@@ -256,7 +256,7 @@ class Suite:
         self._writing = self._written - began
 
     def settled(self, entry: SuiteEntry) -> suites.SuiteRun | None:
-        """Return an entry that need not be played: one with an error, or with an earlier run."""
+        """Return an entry that need not be played: with an error, or with an earlier run."""
         if entry.error is not None:
             return self.failed(entry, entry.error)
         if self._options.resume and (earlier := self._earlier(entry)) is not None:
@@ -264,7 +264,7 @@ class Suite:
         return None
 
     def failed(self, entry: SuiteEntry, error: R2bspecError, host: str = "") -> suites.SuiteRun:
-        """Return a run that failed, as a row of the summary."""
+        """Return a failed run as a row of the summary."""
         # What is in the folder of a run that was not begun is of an earlier one.
         was_begun = entry.error is None
         return suites.run_with_error(
@@ -279,7 +279,7 @@ class Suite:
     def keep(
         self, entry: SuiteEntry, result: Result, *, resumed: bool, host: str = ""
     ) -> suites.SuiteRun:
-        """Return a run that has a result, as a row of the summary; its reports are written."""
+        """Write the reports of a run with a result, and return it as a row of the summary."""
         spec = entry.selection.spec
         self._results[str(entry.folder)] = result
         run_single.write_reports_of(self.options_of(entry), entry.folder, spec)
@@ -294,7 +294,7 @@ class Suite:
         )
 
     def options_of(self, entry: SuiteEntry) -> RunArguments:
-        """Return the options of one run, with its reports."""
+        """Return the options of a run, with its reports."""
         page = self._summary_page()
         return replace(
             self._options,
@@ -317,7 +317,7 @@ class Suite:
         return next((path for path in paths if is_regular(Path(path))), "")
 
     def reports_of(self, entry: SuiteEntry) -> tuple[ReportRequest, ...]:
-        """Return the reports of one run; a summary in HTML has a page of each run to link to."""
+        """Return the reports of a run; a summary in HTML links to a page of each run."""
         name = "-".join(entry.folder.relative_to(self.root).parts)
         requests = tuple(
             replace(request, path=request.path.replace(NAME_FIELD, name))
@@ -389,7 +389,7 @@ class Suite:
 
 @dataclass
 class LocalExecutor:
-    """Makes the runs of a suite on this host, one after the other."""
+    """Plays the runs of a suite on this host, one after another."""
 
     suite: Suite
     options: RunArguments

@@ -46,7 +46,7 @@ class QuantityType(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         return quantity
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
-        """Return what the help shows in place of the value."""
+        """Return the placeholder of the value in the help."""
         del param, ctx
         return self.name.upper()
 
@@ -84,7 +84,7 @@ quiet_option = click.option("--quiet", "-q", is_flag=True, help="Show no progres
 def format_option(*formats: str) -> Callable[[Command], Command]:
     """Return the option ``--format``, passed as `output_format`.
 
-    Of text and JSON if none is named.
+    Its choices are text and JSON if none are named.
     """
     return click.option(
         "--format",
@@ -97,7 +97,7 @@ def format_option(*formats: str) -> Callable[[Command], Command]:
 
 
 def flag_options(texts: dict[str, str]) -> Callable[[Command], Command]:
-    """Options without a value, by their names, each with its line in the help."""
+    """Return options without a value, by their names, each with its line in the help."""
 
     def decorate(command: Command) -> Command:
         for name, text in reversed(texts.items()):
@@ -131,7 +131,7 @@ wait_option = click.option(
 
 
 def queue_options(command: Command) -> Command:
-    """Return what to do while this host runs other benchmarks."""
+    """Add the options for the time in which this host runs other benchmarks."""
     flags = {"--no-lock": "Run even while this host runs a benchmark."}
     return wait_option(flag_options(flags)(command))
 
@@ -159,7 +159,7 @@ against_option = repeatable_option(
 
 
 def suite_options(command: Command) -> Command:
-    """Return which of several specs are played."""
+    """Add the options that select among several specs."""
     for decorate in (
         flag_options(
             {

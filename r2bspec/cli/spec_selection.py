@@ -1,6 +1,6 @@
 """The runs that a command line selects: specs with their cases, labels and scanned values.
 
-Each spec is prepared here, with its findings printed; several of them are the entries of a suite.
+Each spec is prepared here, and its findings printed; several specs are the entries of a suite.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def base_selection(head: SpecSelection, reference: BaseReference) -> SpecSelecti
 
 @dataclass
 class SuiteEntry:
-    """One run of a suite.
+    """A run of a suite.
 
     Attributes:
         suffix: added to the name of the benchmark, such as ``[rate=5 Hz]`` of a scan.
@@ -110,7 +110,7 @@ class SuiteEntry:
 
     @property
     def benchmark(self) -> PreparedBenchmark:
-        """What is played of an entry without an error."""
+        """The benchmark of an entry without an error."""
         assert self.prepared is not None  # noqa: S101 - it has an error otherwise
         return self.prepared
 

@@ -1,4 +1,4 @@
-"""What several verbs print alike: findings, columns of text, numbers of things."""
+"""Output that several verbs share: findings, columns of text, numbers of things."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def styled(text: str, **style: Any) -> str:
 def aligned_lines(rows: Sequence[Sequence[str]], right_columns: Collection[int] = ()) -> list[str]:
     """Return a line for each row, with columns as wide as a terminal shows their widest cell.
 
-    Long cells are clipped. Of very many rows the first are shown, with how many there are more.
+    Long cells are clipped. Of very many rows the first are shown, with the number of the others.
 
     Args:
         rows: the cells; all rows have the same number. The first is the header.
@@ -101,7 +101,7 @@ def print_findings(
 def queued_host(
     name: str, seconds: float, wait_s: float | None, *, quiet: bool = False
 ) -> Iterator[None]:
-    """Have this host to oneself; the place in its queue is shown until then.
+    """Hold this host for the block; show the place in its queue until then.
 
     Args:
         name: of the benchmark, for those who wait.

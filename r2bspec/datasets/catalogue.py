@@ -1,4 +1,4 @@
-"""The catalogue of datasets, and from what a spec calls a bag to where it is.
+"""The catalogue of datasets, and the location of the bag that a spec names.
 
 The synthetic sequences are named and shaped like the r2b dataset 2023.
 """
@@ -118,7 +118,7 @@ def bounded_window(name: str, window: recording.TimeWindow | None) -> recording.
 
 
 def message_times_ns(source: rig.TopicSource, window: recording.TimeWindow) -> list[int]:
-    """Times of a topic's messages in a bounded window, in ns after the sequence's start.
+    """Return the times of a topic's messages in a window, in ns after the sequence's start.
 
     Message k lies at k / rate, rounded down to whole ns.
     """
@@ -180,10 +180,10 @@ DATASETS_VARIABLE = "R2B_DATASETS"
 
 
 def locate(bag: str, base_dir: Path) -> recording.BagLocation:
-    """Decide whether a bag is a path, a real dataset or a synthetic one.
+    """Decide whether a bag is a path, a real dataset or a synthetic dataset.
 
-    What has a ``/``, or exists relative to `base_dir`, is a path. Anything else names a dataset:
-    the folder of that name under ``$R2B_DATASETS`` if there is one, else the catalogue's.
+    A name with a ``/``, or that exists relative to `base_dir`, is a path. Anything else names a
+    dataset: the folder of that name under ``$R2B_DATASETS`` if there is one, else the catalogue's.
 
     Args:
         bag: as written in the spec.
@@ -212,7 +212,7 @@ def locate(bag: str, base_dir: Path) -> recording.BagLocation:
 
 
 def locate_dataset(name: str) -> recording.BagLocation:
-    """Find a dataset by its name: the recorded one if there is one, else the synthetic one.
+    """Find a dataset by its name: the recorded dataset if there is one, else the synthetic one.
 
     Raises:
         DataError: R2B307; R2B301 where ``$R2B_DATASETS`` is no folder.

@@ -1,8 +1,8 @@
-"""Rotations, poses and how the rig moves, in plain arithmetic.
+"""Rotations, poses and the motion of the rig, in plain arithmetic.
 
-Plain Python, and not numpy: these are a few numbers a frame, and no linear algebra library may
-have a say in the bytes that are rendered. Sine and cosine are computed here, too: those of the C
-library differ in the last bit between processors and versions, and a content hash sees every bit.
+This is plain Python, not numpy: there are only a few numbers a frame, and the rendered bytes must
+not depend on a linear algebra library. Sine and cosine are computed here, too: those of the C
+library differ in the last bit between processors and versions, which would change the content hash.
 
 The body is x forward, y left, z up. Optical frames are x right, y down, z forward.
 """
@@ -56,7 +56,7 @@ def apply(matrix: Matrix, vector: Vector) -> Vector:
 
 
 def transpose(matrix: Matrix) -> Matrix:
-    """Transpose a matrix; of a rotation, this is the inverse."""
+    """Transpose a matrix, which inverts a rotation."""
     a, b, c = matrix
     return ((a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2]))
 
@@ -102,7 +102,7 @@ class Pose(msgspec.Struct, frozen=True):
 
 
 class Wave(msgspec.Struct, frozen=True):
-    """One coordinate over time, a sine about zero, whose derivatives are known exactly."""
+    """A coordinate over time, a sine about zero, whose derivatives are known exactly."""
 
     amplitude: float
     hertz: float
@@ -153,6 +153,6 @@ class Motion(msgspec.Struct, frozen=True):
         )
 
     def specific_force_m_s2(self, seconds: float) -> Vector:
-        """Return what an accelerometer at the origin of the body reads, in body axes."""
+        """Return the reading of an accelerometer at the origin of the body, in body axes."""
         x, y, z = (wave.acceleration(seconds) for wave in (self.x, self.y, self.z))
         return apply(transpose(self.pose(seconds).rotation), (x, y, z + GRAVITY_M_S2))

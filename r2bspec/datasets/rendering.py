@@ -1,8 +1,8 @@
-"""What cameras see of a scene, and how far away it is.
+"""The view of a camera on a scene, and its depth.
 
 Everything is element by element in fixed order, with +, -, *, / and whole-number hashing alone, so
-that every machine gives the same bytes. A frame is worked through in bands of rows that stay in
-the processor's cache.
+that every machine gives the same bytes. A frame is processed in bands of rows that stay in the
+processor's cache.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def camera_pose(body: Pose, camera: Camera) -> Pose:
 
 
 def render_image(scene: scenes.Scene, camera: Camera, body: Pose) -> NDArray[np.uint8]:
-    """Return what a camera sees, given world from body.
+    """Return the image of a camera, given world from body.
 
     Returns:
         (height, width, 3) for rgb8, (height, width) for mono8.
@@ -175,7 +175,7 @@ def _sample(across: NDArray[np.float32], up: NDArray[np.float32]) -> NDArray[np.
 
 
 def tag_corners_px(tag: scenes.Tag, camera: Camera, pose: Pose) -> list[tuple[float, float]]:
-    """Return where a camera shows the corners of the black square, given world from its frame.
+    """Return the pixels of the corners of the black square, given world from the tag's frame.
 
     They go clockwise from the top left in the tag's own image.
     """

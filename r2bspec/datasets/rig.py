@@ -45,7 +45,7 @@ class Camera(msgspec.Struct, frozen=True):
 
     @property
     def bytes_per_pixel(self) -> int:
-        """Size of one pixel in its encoding."""
+        """The size of a pixel in its encoding."""
         return _CHANNELS[self.encoding]
 
 
@@ -173,7 +173,7 @@ DISTORTION_TERMS = 5
 
 
 def message_bytes(source: TopicSource) -> int:
-    """Size of every message of a topic in bytes, with the encapsulation."""
+    """Return the size of every message of a topic in bytes, with the encapsulation."""
     position = 0
     for field in ((2, 4), source.frame_id, *_fields(source)):
         count, size = (1, 4) if isinstance(field, str) else field

@@ -63,7 +63,7 @@ class Tag(msgspec.Struct, frozen=True):
 
 
 class Scene(msgspec.Struct, frozen=True):
-    """What a sequence shows, and how the rig moves.
+    """The content of a sequence, and the motion of the rig.
 
     Attributes:
         boards: the first is the wall behind all others; a tag is nearer than all.
@@ -79,7 +79,7 @@ _TAGS: Final = {"r2b_storage": Tag(size_m=0.162, center_m=(1.2, -0.05, 0.02))}
 
 @lru_cache(maxsize=8)
 def find_scene(name: str) -> Scene:
-    """Return the scene of a sequence, which the name of the sequence decides."""
+    """Return the scene of a sequence by its name."""
     rng = random.Random(name)  # noqa: S311 -- scenery, not secrets
     wall = _board(rng, _WALL_M, 100.0)
     boards = (_board(rng, rng.uniform(_NEAREST_M, _WALL_M - 0.3), 0.0) for _ in range(_BOARDS))

@@ -1,4 +1,4 @@
-"""The pages of the codes: what `explain`, reports and editors say of a diagnostic.
+"""The pages of the codes, which `docs`, reports and editors show for a diagnostic.
 
 Each code has a file in the folder ``pages`` of this package, Markdown with front matter::
 
@@ -56,7 +56,7 @@ _EXAMPLE = re.compile(r"^## (\w+) example\n\n```yaml\n(.*?^)```$", re.DOTALL | r
 
 
 class Page(msgspec.Struct, frozen=True):
-    """The explanation of one diagnostic code.
+    """The explanation of a diagnostic code.
 
     Attributes:
         code: such as ``R2B204``.
@@ -90,7 +90,7 @@ def page_file(code: str) -> Path:
 
 @cache
 def find_page(code: str) -> Page | None:
-    """Return the page of one code; None for a code without a page."""
+    """Return the page of a code; None for a code without a page."""
     if not _CODE.fullmatch(code):
         return None
     try:

@@ -1,4 +1,4 @@
-"""The types of diagnostics, and the lines that their spans count."""
+"""The types of diagnostics, and the lines to which their spans refer."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Edit(msgspec.Struct, frozen=True, gc=False):
 
 
 class DiagnosticParts(TypedDict, total=False):
-    """What a diagnostic may have besides its message, place and help."""
+    """The optional parts of a diagnostic, besides its message, place and help."""
 
     path: Path
     related: tuple[Related, ...]
@@ -78,7 +78,7 @@ class DiagnosticParts(TypedDict, total=False):
 
 
 class Diagnostic(msgspec.Struct, frozen=True, gc=False):
-    """One problem: its code, severity, message, place, and how to fix it.
+    """A problem: its code, severity, message, place, and how to fix it.
 
     Attributes:
         code: such as ``R2B204``.
@@ -99,7 +99,7 @@ class Diagnostic(msgspec.Struct, frozen=True, gc=False):
     certainty: Certainty = Certainty.CERTAIN
 
     def __post_init__(self) -> None:
-        """Clip what a file could make endless, once for all forms in which findings are shown."""
+        """Clip texts that a file could make endless, once for all formats."""
         for name in ("message", "help"):
             if len(getattr(self, name)) > MAX_MESSAGE_CHARACTERS:
                 text = getattr(self, name)[: MAX_MESSAGE_CHARACTERS - 1]
@@ -119,7 +119,7 @@ class Diagnostic(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def sort_key(self) -> tuple[str, int, int, str, str]:
-        """Orders by place, then by code."""
+        """The key that orders by place, then by code."""
         return (self.span.file, self.span.line, self.span.column, self.code, self.message)
 
 

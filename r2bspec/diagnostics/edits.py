@@ -1,7 +1,7 @@
 """Applying edits to a text.
 
 Only the characters in the span of an edit change; comments, quotes, blank lines and line ends are
-kept. Of overlapping edits, one is applied; the others are left for the next round, if their
+kept. If edits overlap, one of them is applied; the others are left for the next round, if their
 findings are still present then.
 """
 
@@ -63,7 +63,7 @@ def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]
 def apply_edits(text: str, edits: Iterable[Edit]) -> str:
     """Return the text after the edits.
 
-    Of edits that overlap or touch, only the first is applied.
+    If edits overlap or touch, only the first is applied.
     """
     return _spliced(text, _non_overlapping(text, edits))
 

@@ -1,8 +1,8 @@
 """Making text of unknown origin harmless for a terminal, a log and a pipeline.
 
-Three things do harm. Control characters, among them escape sequences, change what a terminal shows
-or is called. Bidirectional marks show text in another order than it has. A line that begins with
-``::``, or has ``##[`` anywhere, is a command to the runner of a workflow.
+Three things do harm. Control characters, among them escape sequences, change the display or the
+title of a terminal. Bidirectional marks show text in another order. A line that begins with ``::``,
+or has ``##[`` anywhere, is a command to the runner of a workflow.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ def plain(text: str) -> str:
 
 
 def escaped_json(content: bytes) -> bytes:
-    """A JSON document in which what controls a terminal or the runner of a workflow is an escape.
+    """Return a JSON document with escapes for what controls a terminal or a workflow runner.
 
-    Its values are the same. Encoders escape the characters below U+0020 only, and outside of texts
+    Its values are the same. Encoders escape the characters below U+0020 only; outside of texts,
     JSON has none of these, and no number sign.
     """
     content = _MARK_COMMAND_OF_JSON.sub(rb"\\u0023", content)
@@ -51,7 +51,7 @@ def escaped_json(content: bytes) -> bytes:
 
 
 def without_commands(text: str) -> str:
-    """Return the text with a space inside what a runner would take for a command."""
+    """Return the text with a space inside everything that a runner would take for a command."""
     if "::" in text:
         text = _LINE_COMMAND.sub(r"\1: ", text)
     return _MARK_COMMAND.sub("# ", text) if "##" in text else text
@@ -79,7 +79,7 @@ MAX_LINE_CHARACTERS: Final = 4_000
 
 
 def short_lines(text: str, most: int = MAX_LINE_CHARACTERS) -> str:
-    """Return the text with every line that is longer than `most` characters cut in its middle.
+    """Return the text with lines longer than `most` characters cut in their middle.
 
     A message ends with its reason, which may stand behind a long name.
     """
@@ -93,11 +93,11 @@ def short_lines(text: str, most: int = MAX_LINE_CHARACTERS) -> str:
 
 
 def message_text(text: str) -> str:
-    """Return a message of one line, and its details below it, indented.
+    """Return a message on one line, with its details indented below.
 
     Details, such as the last output of a process, follow a colon and a line break, or are indented
-    already. Any other line break is of a name: it would let what follows look like a message of its
-    own.
+    already. Any other line break belongs to a name: it would let what follows look like a message
+    of its own.
     """
     begin = _DETAILS.search(text)
     first, details = (text, "") if begin is None else (text[: begin.end(1)], text[begin.end() :])
@@ -106,7 +106,7 @@ def message_text(text: str) -> str:
 
 
 def plain_values(value: T) -> T:
-    """Return the same value with every text inside it plain: keys, too."""
+    """Return the value with every text in it made plain, including keys."""
     changed: Any = _plain_value(value)
     return value if changed is None else changed
 

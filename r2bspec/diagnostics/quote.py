@@ -1,7 +1,7 @@
 """Names, values and times in messages.
 
-Values are quoted: short, on one line, without control characters. For an unknown name the known one
-that is most similar is proposed.
+Values are quoted: short, on one line, without control characters. For an unknown name the most
+similar known name is proposed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def printable(text: str) -> str:
 
 
 def printable_lines(text: str) -> str:
-    """Return the same, but line breaks stay: for formats that have several lines in a value."""
+    """Return the text like `printable`, but with its line breaks."""
     return "\n".join(map(printable, text.splitlines()))
 
 
@@ -54,9 +54,9 @@ def quote(text: str) -> str:
 def did_you_mean(wrong: str, known: Iterable[str]) -> str:
     """Return the known name most similar to `wrong`, or an empty string if none is similar.
 
-    Case is ignored. 0.6 is a ratio of `difflib`, at which one typing error in a word of three
-    letters is still found. Only the first thousand names are compared, so that a large file with
-    many mistakes does not take long.
+    Case is ignored. 0.6 is a ratio of `difflib` that still matches one typing error in a word of
+    three letters. Only the first thousand names are compared, so that a large file with many
+    mistakes does not take long.
     """
     if len(wrong) > _MAX_NAME_LENGTH:
         return ""
@@ -64,7 +64,7 @@ def did_you_mean(wrong: str, known: Iterable[str]) -> str:
 
 
 def unknown_name_help(wrong: str, known: Iterable[str], what: str, if_none: str = "") -> str:
-    """Help for an unknown name: the most similar known one, if any, and which there are.
+    """Return help for an unknown name: the most similar known name, if any, and all names.
 
     Args:
         wrong: the unknown name.
@@ -90,7 +90,7 @@ def _closest(wrong: str, known: tuple[str, ...]) -> str:
 
 
 def quoted_list(names: Iterable[str]) -> str:
-    """``'a', 'b' and 'c'``; a long list is cut and ends with the number of omitted names."""
+    """Return ``'a', 'b' and 'c'``; a long list ends with the number of omitted names."""
     quoted = [quote(name) for name in dict.fromkeys(names)]
     if len(quoted) > MAX_LISTED_NAMES:
         return first_words(quoted, MAX_LISTED_NAMES)
@@ -98,20 +98,20 @@ def quoted_list(names: Iterable[str]) -> str:
 
 
 def join_words(words: Sequence[str], joint: str = "or") -> str:
-    """``a``, ``a or b``, ``a, b or c``."""
+    """Return ``a``, ``a or b``, or ``a, b or c``."""
     if len(words) < 2:
         return "".join(words)
     return f"{', '.join(words[:-1])} {joint} {words[-1]}"
 
 
 def first_words(words: Sequence[str], most: int) -> str:
-    """``a, b and 3 more``: so many words of a list at most."""
+    """Return at most `most` words of a list: ``a, b and 3 more``."""
     more = len(words) - most
     return ", ".join(words[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def suggestion(wrong: str, known: Iterable[str], what: str) -> str:
-    """Return the help for an unknown name: the known name that is close, or else all known names.
+    """Return help for an unknown name: the known name that is close, or else all known names.
 
     Args:
         wrong: the unknown name.
@@ -126,7 +126,7 @@ def suggestion(wrong: str, known: Iterable[str], what: str) -> str:
 
 
 def pluralize(number: int, noun: str) -> str:
-    """``1 message``, ``3,000 messages``."""
+    """Return a number with its noun: ``1 message``, ``3,000 messages``."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 

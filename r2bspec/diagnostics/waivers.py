@@ -43,7 +43,7 @@ _UNREADABLE_CODE = re.compile(r"R2B[01]\d\d$")
 
 
 class Waiver(msgspec.Struct, frozen=True):
-    """One code that one comment waives.
+    """A code that a comment waives.
 
     Attributes:
         written: the code or the slug as written; empty where the comment names none.
@@ -67,7 +67,7 @@ def apply_waivers(
     known: Callable[[], Mapping[str, str]],
     complete: bool,
 ) -> list[Diagnostic]:
-    """Return the findings that are not waived, and what is wrong with the waivers themselves.
+    """Return the findings that are not waived, and findings about the waivers themselves.
 
     Args:
         found: all findings.
@@ -132,7 +132,7 @@ def _has_too_many_comments(text: str) -> bool:
 
 
 def may_contain_waiver(text: str) -> bool:
-    """Return whether a text may contain a waiver: quick.
+    """Return True if a text may contain a waiver, by a fast search.
 
     A value that looks like a comment counts, too.
     """

@@ -23,6 +23,6 @@ CHECKS: tuple[Callable[[System], list[CheckResult]], ...] = (
 
 
 def examine(system: System) -> Iterator[CheckResult]:
-    """Run all checks; yields each result immediately."""
+    """Run all checks, and yield each result immediately."""
     for check in CHECKS:
         yield from check(system)

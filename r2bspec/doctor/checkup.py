@@ -42,7 +42,7 @@ def advised(
     *,
     otherwise: Status = "warn",
 ) -> CheckResult:
-    """Return the result of a check that is fine unless there is something to do."""
+    """Return the result of a check that is good if there is no advice."""
     return CheckResult(topic, name, otherwise if advice else "ok", found, advice, data or {})
 
 
@@ -59,7 +59,7 @@ class System:
 
 
 def worst_status(checks: list[CheckResult]) -> Status:
-    """Return the worst status, which is that of the machine."""
+    """Return the worst status of some checks, which is that of the machine."""
     statuses = {check.status for check in checks}
     return next((status for status in _WORST if status in statuses), "ok")
 
@@ -73,6 +73,6 @@ def read_text(path: Path) -> str | None:
 
 
 def read_int(path: Path) -> int | None:
-    """Return the number in a file of the kernel; None if there is none."""
+    """Return the number in a file of the kernel; None without a number."""
     text = read_text(path)
     return int(text) if text is not None and text.removeprefix("-").isdigit() else None

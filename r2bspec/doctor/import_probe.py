@@ -33,7 +33,7 @@ def probe(name: str) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Probe the names on the command line; prints one JSON object."""
+    """Probe the names on the command line, and print a JSON object."""
     # Modules may print while they are imported; standard output is for the result.
     with contextlib.redirect_stdout(sys.stderr):
         probes = {name: probe(name) for name in sys.argv[1:]}

@@ -37,7 +37,7 @@ _INSTALL = f"source a ROS 2 installation, or {install_command('ros')}"
 
 
 def check_ros(system: System) -> list[CheckResult]:
-    """Return the distributions that can be seen, rclpy, the middleware and the message packages."""
+    """Check the visible distributions, rclpy, the middleware and the message packages."""
     import_result = probe_imports(system, _MIDDLEWARE)[_MIDDLEWARE]
     checks = [_distributions(system)]
     if "error" in import_result:
@@ -184,7 +184,7 @@ _OPENCV = "OpenCV"
 
 
 def check_vision(system: System) -> list[CheckResult]:
-    """Check whether it can be imported. Other nodes than the reference nodes may not need it."""
+    """Check whether OpenCV can be imported. Only the reference nodes need it."""
     import_result = probe_imports(system, "cv2")["cv2"]
     if "error" in import_result:
         advice = f"the reference nodes for images need it: {install_command('vision')}"
@@ -196,7 +196,7 @@ _NATIVE = "native harness"
 
 
 def check_native(system: System) -> list[CheckResult]:
-    """Build the program, unless it has been; takes a second."""
+    """Build the program of player and monitor, if necessary; takes a second."""
     try:
         program = harness_program(system.environ)
     except BuildError as error:

@@ -1,9 +1,8 @@
 """What dead runs have left behind, and its removal.
 
 Every process of a run has the id of the run in its environment. A run is active as long as its
-watchdog runs: it runs until it has ended all other processes. Processes are left only if both
-controller and watchdog were killed. Besides them, dead runs leave segments of shared memory and
-scratch folders.
+watchdog runs, which ends after all other processes. Processes are left only if both controller and
+watchdog were killed. Dead runs may also leave segments of shared memory and scratch folders.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ class Process:
 
     @property
     def watched_run(self) -> str:
-        """The run of which this process is the watchdog; empty if it is none."""
+        """The run of which this process is the watchdog; empty if it is no watchdog."""
         if _WATCHDOG not in self.argv:
             return ""
         after = self.argv[self.argv.index(_WATCHDOG) + 1 :]
@@ -58,7 +57,7 @@ class Process:
 
 
 def find_runs(system: System) -> tuple[frozenset[str], tuple[Process, ...]]:
-    """The ids of active runs, and the orphaned processes of others that this user may inspect.
+    """Return the ids of active runs, and orphaned processes of other runs of this user.
 
     The run to which this process itself belongs counts as active.
     """
@@ -122,14 +121,14 @@ def _run_of_process(folder: Path) -> str:
 
 @dataclass(frozen=True)
 class DeadShmFile:
-    """A segment, or what is left of one, with the bytes of memory that it takes."""
+    """A segment of shared memory, or its rest, with the bytes of memory that it takes."""
 
     name: str
     bytes: int
 
 
 def dead_shm_files(system: System) -> list[DeadShmFile]:
-    """This user's segments that no process uses, of any middleware; nothing is changed."""
+    """Return this user's segments of any middleware that no process uses; changes nothing."""
     memory = system.shared_memory
     return [
         DeadShmFile(name, _segment_bytes(memory / name))
@@ -139,7 +138,7 @@ def dead_shm_files(system: System) -> list[DeadShmFile]:
 
 
 def remove_dead_shm_files(system: System) -> list[str]:
-    """Remove them; returns their names."""
+    """Remove unused segments, and return their names."""
     return [
         name
         for middleware in known_middlewares()
@@ -160,7 +159,7 @@ _MIN_AGE_S = 10.0
 
 
 def abandoned_scratch(system: System, living: Set[str]) -> list[Path]:
-    """Scratch folders of ended runs; `system.runs` is a folder of runs or a run folder."""
+    """Return the scratch folders of ended runs; `system.runs` is a folder of runs or a run."""
     folders = [*system.runs.glob("*/.scratch-*"), *system.runs.glob(".scratch-*")]
     return sorted(
         folder
@@ -192,7 +191,7 @@ _MAX_NAMED = 3
 
 @dataclass(frozen=True)
 class Leftovers:
-    """Everything found, and the ids of the runs that live."""
+    """All leftovers, and the ids of the living runs."""
 
     living: frozenset[str]
     orphans: tuple[Process, ...]
@@ -201,20 +200,20 @@ class Leftovers:
 
 
 def find_leftovers(system: System) -> Leftovers:
-    """Look; nothing is changed."""
+    """Find the leftovers of dead runs; changes nothing."""
     living, orphans = find_runs(system)
     folders = tuple(abandoned_scratch(system, living))
     return Leftovers(living, orphans, tuple(dead_shm_files(system)), folders)
 
 
 def check_leftovers(system: System) -> list[CheckResult]:
-    """Runs in progress, and what dead ones have left."""
+    """Check for runs in progress, and for leftovers of dead runs."""
     leftovers = find_leftovers(system)
     return [_living(leftovers), _orphans(leftovers), _segments(leftovers), _folders(leftovers)]
 
 
 def clean(system: System) -> list[str]:
-    """Remove what dead runs have left; says what was removed, a line each."""
+    """Remove the leftovers of dead runs, and return a line for each of them."""
     seen = now_ticks()
     leftovers = find_leftovers(system)
     removed = []

@@ -1,8 +1,8 @@
 """The machine: processor, shared memory, socket buffers, and the disk of datasets.
 
-Of the processor: cores, frequency governor, clock source and load. Of shared memory: whether there
-is room for the segments of a run. Of the network: what messages over UDP need. Of the cache of
-datasets: its size, and the free space of its disk.
+For the processor: cores, frequency governor, clock source and load. For shared memory: room for the
+segments of a run. For the network: what messages over UDP need. For the cache of datasets: its
+size, and the free space of its disk.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _FAST_CLOCKS = frozenset({"tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocks
 def check_processor(
     system: System, sleep: Callable[[float], object] = time.sleep
 ) -> list[CheckResult]:
-    """Cores, quota, governor, clock source and load; takes half a second."""
+    """Check cores, quota, governor, clock source and load; takes half a second."""
     checks = [_cores(system), _governor(system), _clock(system), _load(system, sleep)]
     return [check for check in checks if check is not None]
 
@@ -118,7 +118,7 @@ _SIZES = (("1280x720 rgb8", 1280 * 720 * 3), ("1920x1200 rgb8", 1920 * 1200 * 3)
 
 
 def check_shared_memory(system: System) -> list[CheckResult]:
-    """Return how much is free, and how many processes that exchange images it holds."""
+    """Check the free shared memory, and for how many processes with images it suffices."""
     middleware = middleware_of(system.environ)
     if not middleware.uses_shared_memory:
         text = f"not used by a run with {middleware.name}"

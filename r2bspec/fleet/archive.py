@@ -1,6 +1,6 @@
-"""Files as one archive, in which specs travel to a host and run folders back; errors of a fleet.
+"""Archives, in which specs travel to a host and run folders back, and the errors of a fleet.
 
-The format is ZIP: it is read at random and has regular files only, so that no link can be made.
+The format is ZIP: it allows random access and has regular files only, so that no link can be made.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from r2bspec.safe_io.limits import MAX_FLEET_ARCHIVE_BYTES, MAX_FLEET_ARCHIVE_FI
 
 
 class FleetError(R2bspecError):
-    """The fleet cannot be used, or what ran on a host failed."""
+    """The fleet cannot be used, or a run on a host failed."""
 
     code = "R2B682"
     way_out = "The log of its worker has more; run again with --resume."
 
 
 class NoHostError(UsageError):
-    """No host of the fleet is what a run requires."""
+    """No host of the fleet meets the requirements of a run."""
 
     code = "R2B683"
 

@@ -1,4 +1,4 @@
-"""The files that a run on another machine needs: what its plan names, as one archive.
+"""The files that a run on another machine needs: those that its plan names, as one archive.
 
 A path in the archive is the absolute path of the file without its first slash, so that on a host
 ``../config/x.yaml`` is where it is here, relative to the folder of the spec.

@@ -1,8 +1,8 @@
-"""The runs of a suite on a fleet: one task of Dask for each.
+"""The runs of a suite on a fleet: each is a task of Dask.
 
 Dask gives a task to one of the hosts that fit, one at a time to a host (the resource ``r2bspec``),
-and to another one where a host is lost. Beyond that, a run whose hosts have all left is submitted
-again when one that fits is in the fleet, because Dask knows workers by their addresses.
+and to another host if a host is lost. Beyond that, a run whose hosts have all left is submitted
+again when a host that fits is in the fleet, because Dask knows workers by their addresses.
 Connections are as Dask is configured, with TLS if `distributed.comm.tls` says so.
 """
 
@@ -52,7 +52,7 @@ class Host(NamedTuple):
     facts: HostFacts | None
 
     def lacks(self, plan: Plan) -> tuple[str, ...]:
-        """Return what keeps this host from making a run, each as a clause; nothing if it fits."""
+        """Return clauses on what keeps this host from playing a run; empty if it fits."""
         if self.facts is None:
             return ("it has no r2bspec",)
         if self.facts.version != __version__:
@@ -61,14 +61,14 @@ class Host(NamedTuple):
 
 
 class Placement(NamedTuple):
-    """Where a run is to be made: on the host of this name, on any that fits if it is empty."""
+    """The host of a run: the host of this name, or any that fits if it is empty."""
 
     host: str
     error: R2bspecError | None = None
 
 
 def place(plan: Plan, wanted: Sequence[str], hosts: Iterable[Host]) -> list[Placement]:
-    """Return the runs of a plan: one, or one for each host.
+    """Return the runs of a plan: a single run, or a run for each host.
 
     Args:
         plan: of the benchmark.
@@ -91,7 +91,7 @@ def place(plan: Plan, wanted: Sequence[str], hosts: Iterable[Host]) -> list[Plac
 
 @dataclass(eq=False)
 class FleetRun:
-    """A run to be made.
+    """A run to be played on a fleet.
 
     Attributes:
         folder: where its run folder will be.
@@ -196,7 +196,7 @@ class Fleet:
     def play(
         self, runs: Sequence[FleetRun], on_note: Callable[[str], None]
     ) -> Generator[EndedRun, None, None]:
-        """Make runs, and yield them as they end; what has not ended is cancelled on closing.
+        """Play runs, and yield them as they end; closing cancels the others.
 
         Args:
             runs: each with a host that fits.

@@ -1,4 +1,4 @@
-"""What the worker of a host does: it says what the host is, and plays one run after the other.
+"""The worker of a host: it describes the host, and plays one run after another.
 
 A run is ``r2bspec run`` in a process of its own, so that the event loop of the worker is not in the
 process that measures.

@@ -379,7 +379,7 @@ class CallPlayer:
         )
 
     def serve(self) -> None:
-        """Play, and read answers all the time, until told to shut down.
+        """Play, and read answers at the same time, until the command to shut down.
 
         Raises:
             ChannelClosedError: the controller has exited.

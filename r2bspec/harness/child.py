@@ -57,9 +57,9 @@ class _Sigevent(ctypes.Structure):
 
 
 def start_exit_timer(seconds: float, status: int) -> None:
-    """End this process with a status when some time has passed, whatever it is doing then.
+    """End this process with a status after some time, whatever it is doing then.
 
-    Where the C library has no such timers nothing happens; the controller then ends the process.
+    Without such timers in the C library nothing happens; the controller then ends the process.
     """
     with contextlib.suppress(OSError, AttributeError):
         library = ctypes.CDLL(None)
@@ -93,7 +93,7 @@ class Role(Protocol):
     """The object that the first command creates; it executes the others."""
 
     def serve(self) -> None:
-        """Answer commands until told to shut down."""
+        """Answer commands until the command to shut down."""
 
 
 def play_role(channel: Channel) -> int:
@@ -169,7 +169,7 @@ controller waits before it sends SIGTERM."""
 
 
 def main() -> int:
-    """Play the role that the controller assigns; returns the exit status."""
+    """Play the role that the controller assigns, and return the exit status."""
     # Ctrl-C goes to the controller, which ends its children in order.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:

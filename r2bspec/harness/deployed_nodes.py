@@ -42,7 +42,7 @@ _TRANSITION_IDS = {"configure": 1, "activate": 3}  # of lifecycle_msgs/msg/Trans
 
 
 def main() -> int:
-    """Run what the argument says, until the process is told to end."""
+    """Run the nodes that the argument names, until the process is told to end."""
     wanted = json.loads(sys.argv[1])
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         if "states" in wanted:

@@ -1,4 +1,4 @@
-"""A launch file that includes another one in a namespace and with remappings.
+"""A launch file that includes another launch file in a namespace and with remappings.
 
 ``ros2 launch`` has no options for these; this file has launch arguments for them:
 
@@ -19,7 +19,7 @@ from typing import Any
 
 
 def generate_launch_description() -> Any:
-    """Return the function that ``ros2 launch`` calls."""
+    """Return the launch description; ``ros2 launch`` calls this function."""
     # The launch packages are part of a full ROS installation, but not of its wheels.
     launch = importlib.import_module("launch")
     actions = importlib.import_module("launch.actions")

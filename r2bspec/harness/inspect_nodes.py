@@ -50,7 +50,7 @@ _PARAMETER_TYPES = ("", *get_args(ParameterType))
 
 
 class Inspector:
-    """Inspects nodes, apart from its own, hidden ones and component containers.
+    """Inspects nodes other than its own, hidden nodes and component containers.
 
     Args:
         timeout_s: how long to wait for the first node.
@@ -64,7 +64,7 @@ class Inspector:
         self._node = rclpy_tools.start_node("inspector")
 
     def nodes(self) -> list[dict[str, Any]]:
-        """Each node with its name, namespace, topics, services, QoS profiles and parameters."""
+        """Return each node with its name, namespace, topics, services, QoS and parameters."""
         found = []
         for name, namespace in self._wait_for_discovery():
             # A node may end between two queries; it is no part of the graph any more.
@@ -204,7 +204,7 @@ class NamespaceInspector:
         self._settings = settings
 
     def serve(self) -> None:
-        """Write what was found to a file; `Ready` says that it is complete."""
+        """Write the interfaces to a file; `Ready` says that it is complete."""
         settings = self._settings
         _write(Inspector(settings.timeout_s, settings.namespace), Path(settings.file))
         self._channel.send(protocol.Ready())

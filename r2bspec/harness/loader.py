@@ -51,7 +51,7 @@ class AdaptiveTimeout:
         return max(self._limit_ns, self._usual_timeout_ns)
 
     def answered(self, after_ns: int) -> None:
-        """Record an output that arrived so long after the previous one."""
+        """Record an output that arrived `after_ns` after the previous output."""
         self._longest_ns = max(self._longest_ns, after_ns)
         if self._has_expired:
             self._limit_ns = max(self._limit_ns, self._usual_timeout_ns)
@@ -67,10 +67,10 @@ class AdaptiveTimeout:
 
 
 class TopicRecorder:
-    """One recorded topic.
+    """A recorded topic.
 
-    An output answers the source message with the same stamp. Outputs without a stamp, or with a
-    new one, answer the source messages in order of arrival.
+    An output answers the source message with the same stamp. Outputs without a stamp, or with a new
+    stamp, answer the source messages in order of arrival.
     """
 
     def __init__(
@@ -89,11 +89,11 @@ class TopicRecorder:
         self._sources = sources
 
     def answered(self, stamp_ns: int) -> bool:
-        """Return whether the output of a source message has arrived."""
+        """Return True if the output of a source message has arrived."""
         return stamp_ns in self._answers or self._unmatched_count > self._sources[stamp_ns]
 
     def drain(self) -> int:
-        """Record every message that has arrived; returns their number."""
+        """Record every message that has arrived, and return their number."""
         count = 0
         while (taken := self.subscription.take()) is not None:
             data, received_ns = taken
@@ -109,7 +109,7 @@ class TopicRecorder:
         return count
 
     def finish(self) -> int:
-        """Complete the buffer; returns the number of its messages."""
+        """Complete the buffer, and return the number of its messages."""
         self._buffer.close()
         return len(self._buffer)
 

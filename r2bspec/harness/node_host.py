@@ -193,14 +193,14 @@ class NodeHost:
 
 
 class FunctionHost:
-    """Calls a function that takes no arguments; what it returns is spun, unless it is a program.
+    """Calls a function without arguments, and spins the node that it returns, if any.
 
-    Which of the two it is shows when it is called. Its process gets the ROS arguments of the node
-    on its command line, as by ``ros2 run``. The first use of ROS decides: a function that
-    initialises it is a program, such as the ``main`` of an ordinary node, which makes its nodes and
-    spins them with the executor of its choice; for one that makes a node without that, ROS is
-    initialised, and the node that it returns is spun here. A program is seen from outside like any
-    other, and told to end by SIGINT.
+    The first use of ROS decides what the function is: a function that initialises ROS is a program,
+    such as the ``main`` of an ordinary node, which creates its nodes and spins them with the
+    executor of its choice. For a function that creates a node without that, ROS is initialised, and
+    the node that it returns is spun here. Its process gets the ROS arguments of the node on its
+    command line, as by ``ros2 run``. A program is seen from outside like any other, and told to end
+    by SIGINT.
     """
 
     def __init__(

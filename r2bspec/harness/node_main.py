@@ -1,10 +1,10 @@
-"""One Python node: finding its class or function, and calling it.
+"""A Python node: finding its class or function, and calling it.
 
 A callable that takes keyword arguments for `Node` receives namespace, name, remappings and
-parameter overrides in this way, as from a launch file. Any other is called without arguments, as by
-``ros2 run``: it receives them as the global ROS arguments of its process, which has no other node.
-The file of a function is not run as a script, because ``if __name__ == "__main__"`` may do
-something else than to call it.
+parameter overrides in this way, as from a launch file. Any other callable is called without
+arguments, as by ``ros2 run``: it receives them as the global ROS arguments of its process, which
+has no other node. The file of a function is not run as a script, because ``if __name__ ==
+"__main__"`` may do something else.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def module_files() -> tuple[str, ...]:
 def set_command_line(plan: NodePlan) -> None:
     """Give this process the command line that ``ros2 run`` would give a program of the node.
 
-    The list stays the same: what is imported later may have kept it.
+    The list object stays the same: a module may have kept it.
     """
     program = plan.target.rpartition(":")[0] or plan.target
     sys.argv[:] = [program, "--ros-args", *ros_arguments(plan)]
@@ -132,7 +132,7 @@ def _import_module_of(file: Path, name: str) -> Any:
 
 
 def takes_keywords(factory: Any) -> bool:
-    """Return whether a callable accepts the keyword arguments of `Node`.
+    """Return True if a callable accepts the keyword arguments of `Node`, or may.
 
     True if that is not known.
     """
@@ -157,7 +157,7 @@ def ros_arguments(plan: NodePlan) -> Iterator[str]:
 
 
 def make_node(plan: NodePlan, factory: Any) -> Node:
-    """Create one node of a plan.
+    """Create a node of a plan.
 
     Args:
         plan: the node.
@@ -196,7 +196,7 @@ def _initialised_ros() -> Iterator[None]:
 
 
 def checked_node(plan: NodePlan, made: object) -> Node:
-    """Return what a factory has made, if it is the node of the plan.
+    """Return the product of a factory, if it is the node of the plan.
 
     Raises:
         NodeError: it is no node, or has not the name of the plan.

@@ -1,8 +1,8 @@
-"""The observer: says what discovery shows of the graph, and records whole messages, on request.
+"""The observer: reports what discovery shows of the graph, and records messages, on request.
 
-Nothing here is timed: messages are copied, by an interpreter. It publishes /tf_static and /clock
-where the spec has them, as the loader does (`GraphParticipant`). Between requests it only looks,
-five times a second and for microseconds, for publishers that are no process's of the run.
+Nothing here is timed: messages are copied, by an interpreter. It publishes /tf_static and /clock if
+the spec has them, like the loader (`GraphParticipant`). Between requests it only looks, five times
+a second and for microseconds, for publishers that are of no process of the run.
 
 A domain keeps runs apart that r2bspec started, but it is no fence: a program of another user that
 joins it can publish on the topics of the run. What it publishes is measured, or handed to the
@@ -50,7 +50,7 @@ _STATE_S = 2.0
 
 
 def lifecycle_nodes(services: Iterable[tuple[str, Sequence[str]]]) -> list[str]:
-    """Return the nodes with a service that changes their state, of all services and their types."""
+    """Return the nodes with a service that changes their state."""
     return sorted(
         name.removesuffix(_CHANGE)
         for name, types in services
@@ -207,7 +207,7 @@ _LIST = "/list_parameters"
 def list_parameters(command: protocol.ListParameters) -> protocol.ParameterLists:
     """Ask all nodes that have parameter services, in parallel.
 
-    A node that does not respond in time is left out. It is a node of its own that asks, so that the
+    A node that does not respond in time is left out. A node of its own asks, so that the
     subscriptions of the process are not touched.
     """
     from rcl_interfaces.srv import ListParameters
@@ -236,7 +236,7 @@ _MAX_PROCESSES = 3
 
 
 class PublisherGuard:
-    """Remembers every publisher on some topics that no process of the run may have made."""
+    """Remembers every publisher on some topics that no process of the run may have created."""
 
     def __init__(self, node: Node, topics: tuple[str, ...]) -> None:
         self._node = node
@@ -246,14 +246,14 @@ class PublisherGuard:
         self._next_s = 0.0
 
     def foreign(self) -> tuple[ForeignPublisher, ...]:
-        """Return all that were seen until now."""
+        """Return all foreign publishers seen so far."""
         self.look(now=True)
         return tuple(self._foreign.values())
 
     def look(self, *, now: bool = False) -> None:
-        """See who publishes; looks at most five times a second, unless told `now`.
+        """Look for publishers at most five times a second, unless told `now`.
 
-        To count publishers takes some microseconds, so that is what happens while a run measures.
+        Counting publishers takes some microseconds, so that is done while a run measures.
         """
         if not now and time.monotonic() < self._next_s:
             return
@@ -318,7 +318,7 @@ _CLOCK_QOS = QoS(depth=1)
 
 
 def clock_message(time_ns: int) -> bytes:
-    """A serialised rosgraph_msgs/Clock (XCDR1, little-endian: int32 seconds, uint32 nanoseconds).
+    """Return a serialised rosgraph_msgs/Clock (XCDR1, little-endian: int32 s, uint32 ns).
 
     Args:
         time_ns: nanoseconds since the epoch.
@@ -330,8 +330,8 @@ def clock_message(time_ns: int) -> bytes:
 class ClockPublisher:
     """Publishes the system time on /clock 100 times per second, from its construction.
 
-    The stamps that the player writes are of the system clock, so that both agree for a node. Each
-    message has the time at which it is published; periods that were missed are left out.
+    The player writes stamps of the system clock, so that both agree for a node. Each message has
+    the time at which it is published; periods that were missed are left out.
     """
 
     def __init__(self, node: Node) -> None:
@@ -355,7 +355,7 @@ class ClockPublisher:
 
 
 class GraphParticipant:
-    """A role that publishes what nodes need first, and answers what discovery shows.
+    """A role that publishes what nodes need first, and reports what discovery shows.
 
     Args:
         channel: of the controller.

@@ -67,7 +67,7 @@ def interface_class(type_name: str) -> Any:
 
 
 def is_installed(type_name: str) -> bool:
-    """Return whether a message type is installed."""
+    """Return True if a message type is installed."""
     try:
         interface_class(type_name)
     except TypeNotFoundError:
@@ -76,7 +76,7 @@ def is_installed(type_name: str) -> bool:
 
 
 def begins_with_header(type_name: str) -> bool:
-    """Return whether the first field of a type is a std_msgs/Header, so that its stamp can be read.
+    """Return True if the first field of a type is a std_msgs/Header, with a readable stamp.
 
     Raises:
         TypeNotFoundError: the type is not installed.
@@ -107,7 +107,7 @@ def profile(qos: QoS) -> QoSProfile:
 
 
 def profile_matching_publishers(node: Node, topic: str) -> QoSProfile | None:
-    """A profile compatible with every publisher of a topic, or None if there is no publisher."""
+    """Return a profile compatible with every publisher of a topic; None without any."""
     publishers = [*map(describe_endpoint, node.get_publishers_info_by_topic(topic))]
     return profile(weakest_offer(publishers)) if publishers else None
 
@@ -128,7 +128,7 @@ def full_name(info: TopicEndpointInfo) -> str:
 
 
 def qos_mismatch_reason(offered: QoSProfile, requested: QoSProfile) -> str:
-    """Return why a subscription never matches a publisher, from the middleware; empty if it may."""
+    """Return the reason of the middleware why a pair never matches; empty if it may."""
     compatibility, why = qos_check_compatible(offered, requested)
     if compatibility != QoSCompatibility.ERROR:
         return ""
@@ -148,7 +148,7 @@ class RawSubscription:
         self.handle = self._subscription.handle
 
     def take(self) -> tuple[bytes, int] | None:
-        """The next message and its time of arrival (system clock, ns), or None if there is none."""
+        """Return the next message and its arrival time (system clock, ns), or None."""
         taken = self.handle.take_message(self._class, True)
         if taken is None:
             return None
@@ -172,7 +172,7 @@ class RawPublisher:
         self._handle = self._publisher.handle
 
     def publish(self, message: bytes | bytearray) -> None:
-        """Publish one serialised message.
+        """Publish a serialised message.
 
         The handle accepts a bytearray; `Publisher.publish` would need `bytes`, and thus a copy of
         every message whose stamp is changed in place.
@@ -211,7 +211,7 @@ class WaitLoop:
         self._guard.trigger_guard_condition()
 
     def wait(self, timeout_s: float) -> list[int]:
-        """Wait at most `timeout_s` seconds; returns the positions with waiting messages."""
+        """Wait at most `timeout_s` seconds, and return the positions with waiting messages."""
         if self._set is None:
             self._set = _implementation.WaitSet(
                 len(self._subscriptions), 1, 0, 0, 0, 0, self._node.context.handle
@@ -247,7 +247,7 @@ def start_node(name: str) -> Node:
 def init(ros_arguments: Sequence[str] = ()) -> bool:
     """Initialise rclpy, unless it is already initialised.
 
-    It logs to the log of the process and not to its own file.
+    It logs to the log of the process and not to a file of its own.
 
     Args:
         ros_arguments: for every node of the process, without ``--ros-args``.
@@ -319,7 +319,7 @@ def ask_services(
     request: Any = None,
     interrupted: Callable[[], bool] = lambda: False,
 ) -> dict[str, Any]:
-    """Ask services of one type, in parallel, each as soon as it is there.
+    """Ask services of one type, in parallel, each as soon as it is available.
 
     Args:
         node: asks; no other executor may have it.
@@ -354,7 +354,7 @@ def ask_services(
 
 
 def names_of(node: Node, name: str, namespace: str) -> tuple[str, ...]:
-    """Return the topics and services of a node, as another one knows them; none if it has ended."""
+    """Return the topics and services of a node as another node knows them; none if it has ended."""
     asks = (
         node.get_publisher_names_and_types_by_node,
         node.get_subscriber_names_and_types_by_node,

@@ -1,7 +1,7 @@
-"""Calls of services: one of an `after_ready` step, and those that load C++ components.
+"""Calls of services: by an `after_ready` step, and to load C++ components.
 
-Components are loaded into their containers as ``ros2 component load`` does it, by the service
-``load_node`` of rclcpp_components: its request is made of a node of the plan, and its response is
+Components are loaded into their containers as by ``ros2 component load``, with the service
+``load_node`` of rclcpp_components: its request is made from a node of the plan, and its response is
 put into words for the user.
 """
 
@@ -200,7 +200,7 @@ class ComponentLoader:
         self._node = rclpy_tools.start_node("components")
 
     def serve(self) -> None:
-        """Load what is asked for, until told to shut down.
+        """Load components on request, until told to shut down.
 
         Raises:
             ComponentError: a container does not respond in time, or a request cannot be made.

@@ -27,7 +27,7 @@ _GRACE_S = 1.0
 
 
 def main() -> int:
-    """Read until the input ends; returns the exit status."""
+    """Read until the input ends, and return the exit status."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     run_id, scratch, *others = sys.argv[1], *map(Path, sys.argv[2:])

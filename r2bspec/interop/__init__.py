@@ -1,1 +1,1 @@
-"""What other tools read and write: the report of NVIDIA's ros2_benchmark."""
+"""Reading what other tools write: scripts of ros2_benchmark and launch files."""

@@ -1,6 +1,6 @@
 """Substitutions and conditions of launch, performed with the values of launch arguments.
 
-What launch would ask the machine for, such as the output of a command, stays unknown.
+Values that launch would get from the machine, such as the output of a command, stay unknown.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ CONFIGURATIONS: Final[dict[str, str]] = {}
 
 
 def perform(value: Any) -> str:
-    """Return the text of a value; what is not known of it is a mark."""
+    """Return the text of a value, with marks for its unknown parts."""
     if value is None:
         return ""
     if isinstance(value, Recorded):

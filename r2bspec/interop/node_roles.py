@@ -1,9 +1,9 @@
 """Which nodes of a script belong to the harness, to the preprocessors, and to the graph.
 
-ros2_benchmark runs all of them at once, so its scripts do not say. What decides, in this order: a
-topic of the loader or a buffer of the player, or a topic that is played or monitored; the lists in
-the docstring and names that begin with ``Prep``; topics shared with nodes that are decided. Default
-topics of packages that scripts use often are known here, and so are their formats.
+ros2_benchmark runs all of them at once, so its scripts do not tell. The decision rests, in this
+order, on: a topic of the loader, a buffer of the player, or a topic that is played or monitored;
+the lists in the docstring and names that begin with ``Prep``; topics shared with nodes that are
+decided. Default topics of packages that scripts often use are known here, and so are their formats.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def divide_by_role(recorded: RecordedFile, namespace: str) -> ScriptGraph:
 
 
 def played_inputs(player: NodeAction | None) -> list[PlayedInput]:
-    """Return the inputs that the player has remappings for, by number; none without a player."""
+    """Return the inputs for which the player has remappings, by number; none without a player."""
     if player is None:
         return []
     matches = (
@@ -151,7 +151,7 @@ def played_inputs(player: NodeAction | None) -> list[PlayedInput]:
 
 
 def ros_format(name: str) -> str:
-    """Return the ROS type that a negotiated format is converted to; empty if it is not known."""
+    """Return the ROS type to which a negotiated format is converted; empty if unknown."""
     if name in _ADAPTED:
         return _ADAPTED[name]
     return next((kind for start, kind in _ADAPTED_PREFIXES.items() if name.startswith(start)), "")

@@ -470,7 +470,7 @@ _ACTIONS: Final[dict[str, Callable[[LaunchRecorder, Recorded, _Scope], _Scope | 
 
 
 def parameter_value(value: Any) -> Any:
-    """The value of a parameter: what a substitution gives is read as YAML, as launch does."""
+    """Return the value of a parameter: the result of a substitution is read as YAML."""
     import yaml
 
     if isinstance(value, dict):
@@ -508,7 +508,7 @@ def _source(source: Any) -> Any:
 
 
 def listed(value: Any) -> list[Any]:
-    """Return a value as a list: what stands alone is one item, and None is none."""
+    """Return a value as a list: a single value is one item, and None is empty."""
     if isinstance(value, Recorded | str | dict):
         return [value]
     return [] if value is None else list(value) if isinstance(value, Iterable) else [value]

@@ -3,8 +3,8 @@
 Commands, copies and converters of models before the launch are steps of ``setup``, with the file
 that they create; loops that wait for a file are conditions of ``ready``; calls of services in hooks
 are steps ``after_ready``. None of it is done in this process. A file outside of the project does
-not exist when it is first asked for, and exists from then on: what the script does about it is
-recorded, and what it waits for has come.
+not exist when the script first asks for it, and exists from then on: what the script does about it
+is recorded, and what it waits for appears.
 """
 
 from __future__ import annotations
@@ -257,7 +257,7 @@ class StepRecorder:
 
 
 def message_fields(message: Any) -> Any:
-    """Return the fields of a message that are set; the others have their defaults."""
+    """Return the fields of a message that were set; the others have their defaults."""
     if isinstance(message, list | tuple):
         return [message_fields(part) for part in message]
     if not isinstance(message, Recorded):

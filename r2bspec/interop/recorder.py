@@ -1,4 +1,4 @@
-"""The program of a child process that executes a script or a launch file and records what it makes.
+"""The program of a child process that executes a script or a launch file and records its actions.
 
 It is started by `recording`, with stand-ins for what the file imports of ROS (`stand_ins`), and
 writes a `recording.RecordedFile` as JSON.

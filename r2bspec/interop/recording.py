@@ -1,7 +1,7 @@
-"""Executing a script or a launch file in a child process, and what it recorded as values.
+"""Executing a script or a launch file in a child process, and its recorded actions as values.
 
 The child has stand-ins for what the file imports of ROS (`recorder`), a process group of its own, a
-time limit, and no output but its result. Texts have marks for what is not known and for what the
+time limit, and no output but its result. Texts have marks for what is unknown and for what the
 machine decides: see `stand_ins`.
 """
 
@@ -37,7 +37,7 @@ Kind = Literal["script", "launch"]
 
 
 class Note(msgspec.Struct, frozen=True):
-    """Something that the spec lacks (``lost``, ``missing`` with its module) or says otherwise."""
+    """Something that the spec lacks (``lost``, or ``missing`` with its module) or changes."""
 
     kind: Literal["lost", "missing", "changed"]
     reason: str
@@ -123,7 +123,7 @@ Member = NodeAction | IncludeAction
 
 
 class Step(msgspec.Struct, kw_only=True):
-    """A step around the launch: a command, a file that is waited for, or the call of a service."""
+    """A step around the launch: a command, a file to wait for, or the call of a service."""
 
     kind: Literal["setup", "ready", "after_ready"]
     key: str
@@ -135,7 +135,7 @@ class Step(msgspec.Struct, kw_only=True):
 
 
 class Client(msgspec.Struct):
-    """A client of a service or an action; type and name are empty where they are not known."""
+    """A client of a service or an action; type and name are empty if unknown."""
 
     kind: Literal["service", "action"]
     type: str
@@ -144,7 +144,7 @@ class Client(msgspec.Struct):
 
 
 class Unknown(msgspec.Struct):
-    """What a mark ``$(unknown NUMBER)`` stands for."""
+    """The meaning of a mark ``$(unknown NUMBER)``."""
 
     what: str
     place: Place
@@ -187,7 +187,7 @@ class RecordedFile(msgspec.Struct):
 
 
 class UnusableFileError(R2bspecError):
-    """A file cannot be read, ends with an exception, or is no such file."""
+    """A file cannot be read, ends with an exception, or is not of the expected kind."""
 
     def __init__(self, message: str, place: Place, code: str = _UNUSABLE) -> None:
         super().__init__(f"{place[0]}:{place[1]}: {message}", code=code)
@@ -206,7 +206,7 @@ def record(
     package_paths: Sequence[Path] = (),
     time_limit_s: float = TIME_LIMIT_S,
 ) -> RecordedFile:
-    """Execute a file in a child process; says so first, on standard error.
+    """Execute a file in a child process, and announce that on standard error.
 
     Args:
         file: the script or launch file, in Python.

@@ -1,9 +1,9 @@
 """A spec from a script of ros2_benchmark.
 
-Everything that the spec says is in the script, or a default of ros2_benchmark. What is not
-understood becomes a comment in the spec and a finding with the line of the script. This module
-writes what is loaded, played, monitored and measured; `spec_entries` writes the nodes and what
-happens around the launch.
+Everything in the spec is from the script, or a default of ros2_benchmark. What is not understood
+becomes a comment in the spec and a finding with the line of the script. This module writes what is
+loaded, played, monitored and measured; `spec_entries` writes the nodes and the steps around the
+launch.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class ImportedSpec:
 
 
 def import_script(file: Path, folder: Path, package_paths: Sequence[Path] = ()) -> ImportedSpec:
-    """Execute a script, and make a spec of what it does.
+    """Execute a script, and make a spec of its actions.
 
     Args:
         file: the script.

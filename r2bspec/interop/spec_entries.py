@@ -1,9 +1,9 @@
-"""The entries of a spec that start something, from what a script or a launch file does.
+"""The entries of a spec that start something, from the actions of a script or a launch file.
 
-A node has the key of its name, if that is free; an unknown value is a placeholder with a comment.
-Containers are written as far as nodes of the spec are in them. Preprocessors have one of their own,
-because they end before anything is measured. Steps around the launch are ``setup``, ``ready`` and
-``after_ready``.
+A node has its name as key, if that is free; an unknown value is a placeholder with a comment.
+Containers are written if nodes of the spec are in them. Preprocessors have a container of their
+own, because they end before anything is measured. Steps around the launch are ``setup``, ``ready``
+and ``after_ready``.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class NodeWriter:
     def add_all(
         self, block: Block, members: list[Member], *, preprocessors: bool = False
     ) -> list[tuple[NodeAction, Block]]:
-        """Add nodes and included launch files to a map of nodes; returns what each node has."""
+        """Add nodes and included launch files to a map of nodes, and return the entry of each."""
         nodes = []
         for member in members:
             above = self.values.comments_above(member.place)

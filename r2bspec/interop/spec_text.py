@@ -65,7 +65,7 @@ class Block:
 
 
 def document(block: Block, header: Iterable[str]) -> str:
-    """A document: a comment at its head, and the top-level keys with an empty line between them."""
+    """Return a document: a comment at its head, and empty lines between its top-level keys."""
     lines = [*comment_lines(header, ""), ""]
     for number, entry in enumerate(block.entries):
         nested = isinstance(entry.value, Block) or bool(entry.above)
@@ -78,7 +78,7 @@ def document(block: Block, header: Iterable[str]) -> str:
 
 
 def comment_lines(texts: Iterable[str], indent: str) -> list[str]:
-    """Comments as lines of YAML; a text of several lines keeps them."""
+    """Return comments as lines of YAML; a text of several lines keeps its lines."""
     return [
         f"{indent}# {_CONTROL.sub('?', line)}".rstrip()
         for text in texts
@@ -99,7 +99,7 @@ def flow(value: Any) -> str:
 
 
 def scalar(value: Any) -> str:
-    """Return a scalar on one line, quoted where YAML needs it."""
+    """Return a scalar on one line, quoted if YAML needs it."""
     if isinstance(value, str):
         lines = to_yaml([str(value)]).removeprefix("- ").splitlines()
         is_plain = len(lines) == 1 and value == value.strip() and not _CONTROL.search(value)
@@ -219,11 +219,11 @@ class SpecValues:
         self.notes.append(Note("lost", reason, place))
 
     def change(self, what: str, place: Place) -> None:
-        """Note something that the spec says in another way."""
+        """Note something that the spec does in another way."""
         self.notes.append(Note("changed", what, place))
 
     def convert(self, value: Any) -> Any:
-        """Return a value of a spec."""
+        """Return a value in the form of a spec."""
         if isinstance(value, str):
             return self.text(value)
         if isinstance(value, list):

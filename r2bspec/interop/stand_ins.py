@@ -271,7 +271,7 @@ class StandIn(metaclass=_StandInType):
 
 
 class BenchmarkTest(StandIn):
-    """``ros2_benchmark.ROS2BenchmarkTest``, as far as a script asks it something."""
+    """``ros2_benchmark.ROS2BenchmarkTest``, as far as scripts use it."""
 
     config: Any = None
 
@@ -292,7 +292,7 @@ class BenchmarkTest(StandIn):
 
     @classmethod
     def generate_test_description_with_nsys(cls, setup: Any, *_: Any, **__: Any) -> Any:
-        """Return the launch actions, which the tool itself would add to."""
+        """Return the launch actions, to which the tool itself would add."""
         if not callable(setup) or isinstance(setup, Recorded):
             return setup
         number = setup.__code__.co_argcount
@@ -412,7 +412,7 @@ class _OwnLoader(importlib.abc.Loader):
 
 
 class CopiedEnvironment(dict[str, str]):
-    """A copy of ``os.environ`` with what was changed in it; the rest stays on its machine."""
+    """A copy of ``os.environ`` that keeps changes; other variables stay on this machine."""
 
     def __missing__(self, name: str) -> str:
         return f"$(env {name})"
@@ -451,7 +451,7 @@ class _Environment(dict[str, str]):
 
 
 def asks_itself() -> bool:
-    """Return whether the caller of the function that asks is code of the project."""
+    """Return True if the caller of the calling function is code of the project."""
     return sys._getframe(2).f_code.co_filename in RECORDING.trees
 
 
@@ -467,7 +467,7 @@ def _unknown_of(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def start(main: Path, package_paths: Sequence[Path]) -> Recording:
-    """Put the stand-ins in place, for the rest of this process."""
+    """Install the stand-ins for the rest of this process."""
     import json
 
     import yaml

@@ -1,6 +1,7 @@
 """What an overloaded graph shows: its capacity, and whether its speed is stationary.
 
-Capacity --------
+Capacity
+--------
 
 A graph that is offered more than it can process is never idle, so its outputs leave at its own
 pace. They are cut into batches of k successive ones; a batch lasts x_j seconds a message. With the

@@ -1,6 +1,7 @@
 """Results that are invalid: impossible values, and measurements under another load.
 
-Impossible results ------------------
+Impossible results
+------------------
 
     early      more than 1 % of the answers were received before their input was published
     surplus    by order, more than 1 % more outputs than the monitor's ratio allows

@@ -1,6 +1,7 @@
 """Verdicts as frozen values that serialise to JSON, and how the verdict on a run is derived.
 
-Outcome of the run ------------------
+Outcome of the run
+------------------
 
     level    fails             undecided
     error    fails the run     by the policy

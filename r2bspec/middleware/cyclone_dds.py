@@ -1,10 +1,9 @@
 """Cyclone DDS, which rmw_cyclonedds_cpp uses.
 
 With a discovery range of LOCALHOST the RMW turns multicast off and names this host as the only
-peer; at most 33 processes of a domain then find each other. It appends what CYCLONEDDS_URI says to
-that, so what the user set there has priority, and nothing is added to it here. Cyclone DDS itself
-uses no shared memory; Iceoryx, which it can be built with, has files of its own that its daemon
-removes.
+peer; at most 33 processes of a domain then find each other. It appends CYCLONEDDS_URI to that, so
+the user's settings have priority, and nothing is added to it here. Cyclone DDS itself uses no
+shared memory; Iceoryx, with which it can be built, has files of its own that its daemon removes.
 """
 
 from __future__ import annotations

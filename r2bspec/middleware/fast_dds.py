@@ -201,19 +201,20 @@ class FastDds(middleware.Middleware):
         }
 
     def segment_bytes(self, transport: middleware.MessageTransport) -> int:
-        """Return each process takes a segment of the full size, unless it uses UDP alone."""
+        """Return the segment of each process: the full size, unless it uses UDP alone."""
         if transport.kind != "shared_memory":
             return 0
         return transport.segment_bytes or default_segment_bytes(transport.largest_message_bytes)
 
     def required_shm_bytes(self, processes: int, segment_bytes: int) -> int:
-        """Return the segments, and what each process takes in addition."""
+        """Return the size of the segments and of the further files of the processes."""
         return processes * (segment_bytes + _PORTS_BYTES)
 
     def may_be_endpoint_of(self, gid: bytes, pids: Collection[int]) -> bool:
-        """Compare the number of the process in a GUID: vendor, host, process, and others after it.
+        """Compare the process numbers with that in a GUID, which has vendor, host and process.
 
-        The vendor, the host and the process take two bytes each; of a process it is the low ones.
+        Vendor, host and process take two bytes each; for the process it is the low bytes of its
+        number.
         """
         number = int.from_bytes(gid[4:6], "little")
         return gid[:2] == _VENDOR_ID and any(pid & 0xFFFF == number for pid in pids)

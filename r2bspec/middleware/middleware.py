@@ -1,9 +1,9 @@
-"""What a run, its clean-up and the doctor ask of a ROS middleware (RMW), and which one is selected.
+"""What a run, its clean-up and the doctor ask of a ROS middleware (RMW), and which is selected.
 
-The answers given here are right for an RMW of which nothing is known: it is not configured, it
-needs no workaround, and discovery is kept on this host by the variable that ROS 2 has for that. A
-module for one RMW overrides what differs: every module of this package that has a MIDDLEWARE is
-about one. They are imported when the first question is asked.
+The answers here are right for an unknown RMW: it is not configured, it needs no workaround, and
+discovery is kept on this host by the variable that ROS 2 has for that. A module for an RMW
+overrides what differs: every module of this package that has a MIDDLEWARE is about one RMW. They
+are imported when the first question is asked.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def discovery_settings(
     named: Collection[str],
     of_processes: Mapping[str, Iterable[str]],
 ) -> str:
-    """Return what keeps processes of a run from discovering each other, as a sentence.
+    """Return the settings that keep processes from discovering each other, as a sentence.
 
     Args:
         environ: of r2bspec.
@@ -95,14 +95,14 @@ class MessageTransport:
 
 @dataclass(frozen=True)
 class SocketBuffers:
-    """How many bytes each UDP socket asks the kernel for; 0 where it takes the default."""
+    """The bytes that each UDP socket asks the kernel for; 0 means the default."""
 
     receive: int = 0
     send: int = 0
 
 
 class Middleware:
-    """One RMW.
+    """A ROS middleware (RMW).
 
     Attributes:
         name: what users read.
@@ -135,7 +135,7 @@ class Middleware:
     uses_shared_memory: bool = False
 
     def configure(self, transport: MessageTransport, folder: Path) -> Mapping[str, str]:
-        """Configure a transport, if it is one of `transports`; another one is left to the RMW.
+        """Configure a transport of `transports`; any other is left to the RMW.
 
         Args:
             transport: how messages are to travel.
@@ -156,13 +156,13 @@ class Middleware:
         return 0
 
     def required_shm_bytes(self, processes: int, segment_bytes: int) -> int:
-        """How much shared memory processes take when they start, each with such a segment."""
+        """Return the shared memory of processes at their start, each with such a segment."""
         return processes * segment_bytes
 
     def may_be_endpoint_of(self, gid: bytes, pids: Collection[int]) -> bool:
-        """Return whether an endpoint with this identifier can belong to one of some processes here.
+        """Return True if an endpoint with this identifier can belong to one of some processes.
 
-        Identifiers of which nothing is known can belong to any.
+        Unknown identifiers can belong to any process.
         """
         del gid, pids
         return True
@@ -193,7 +193,7 @@ class Middleware:
     def remove_dead_shm_files(
         self, memory: Path = SHARED_MEMORY, proc: Path = PROC, since_s: float = 0.0
     ) -> list[str]:
-        """Remove what `dead_shm_files` finds; returns the names."""
+        """Remove what `dead_shm_files` finds, and return the names."""
         del memory, proc, since_s
         return []
 
@@ -201,8 +201,8 @@ class Middleware:
 class UnknownMiddleware(Middleware):
     """An RMW that has no module here, such as that for Zenoh or Connext.
 
-    Zenoh does not read what ROS 2 says of discovery: its sessions find each other through a router
-    that the user starts, by default one on this host.
+    Zenoh ignores the discovery settings of ROS 2: its sessions find each other through a router
+    that the user starts, by default a router on this host.
     """
 
     variables = ("ZENOH_*",)
@@ -220,7 +220,7 @@ _DEFAULT = "rmw_fastrtps_cpp"
 
 
 class TransportRefusal(NamedTuple):
-    """Why a transport cannot be had with the middleware that is selected, and the ways out."""
+    """Why the selected middleware does not support a transport, and the remedies."""
 
     message: str
     help: str
@@ -261,7 +261,7 @@ def middleware_of(environ: Mapping[str, str]) -> Middleware:
 
 
 def inherited_variables() -> tuple[str, ...]:
-    """Patterns of the variables by which users configure any RMW."""
+    """Return patterns of the variables by which users configure any RMW."""
     unknown = UnknownMiddleware.variables
     return (
         tuple(name for middleware in known_middlewares() for name in middleware.variables) + unknown

@@ -1,8 +1,8 @@
 """Compiling C on first use, with a cache: the harness above all.
 
-A result is kept under the digest of everything that it was made from: sources, compiler, headers
-and flags. It is compiled in a folder of its own and moved into place, so that two builds at once
-do not disturb each other, and an interrupted one leaves nothing behind that would be used.
+A result is kept under the digest of all its inputs: sources, compiler, headers and flags. It is
+compiled in a folder of its own and moved into place, so that two builds at once do not disturb each
+other, and an interrupted build leaves nothing behind that would be used.
 
 What is kept is run, so it is kept where no other user can write (`safe_io.cache_folder`). Where
 there is no such cache, a result ends with this process.
@@ -54,7 +54,7 @@ _MARKER = Path("rcl/rcl/rcl.h")
 
 @dataclass(frozen=True)
 class RosFiles:
-    """What a C program needs of a ROS.
+    """The parts of a ROS installation that a C program needs.
 
     Attributes:
         prefixes: in the order of their precedence.
@@ -75,12 +75,12 @@ class RosFiles:
         ]
 
     def library_folders(self) -> list[Path]:
-        """Return where the linker finds the libraries."""
+        """Return the folders in which the linker finds the libraries."""
         return [folder for prefix in self.prefixes if (folder := prefix / "lib").is_dir()]
 
 
 def find_ros(environ: Mapping[str, str] = os.environ) -> RosFiles:
-    """Find the ROS that processes with this environment use; a sourced one precedes the wheels.
+    """Find the ROS of processes with this environment; a sourced ROS precedes the wheels.
 
     Raises:
         BuildError: there are no headers of rcl (R2B668).
@@ -166,7 +166,7 @@ def build(
     flags: Sequence[str] = (),
     libraries: Sequence[str] = _LIBRARIES,
 ) -> Path:
-    """Compile a program or a library, unless it has been.
+    """Compile a program or a library, unless it is in the cache.
 
     Args:
         name: of the file.
@@ -299,7 +299,7 @@ _HARNESS_FLAGS = ("-fwrapv",)
 
 
 def harness_program(environ: Mapping[str, str] = os.environ, flags: Sequence[str] = ()) -> Path:
-    """Return the program of a player or a monitor, in a process of its own.
+    """Return the program of a player or a monitor in a process of its own.
 
     Raises:
         BuildError: it cannot be built (R2B668).
@@ -352,7 +352,7 @@ def join_object(flags: Sequence[str] = ()) -> Path:
 
 
 def join_environment(join: Path, socket: Path, process: str, preloaded: str) -> dict[str, str]:
-    """Return the variables with which a process asks the controller whether it gets the harness.
+    """Return the variables with which a process asks the controller for parts of the harness.
 
     Args:
         join: from `join_object`.
@@ -383,7 +383,7 @@ def anatomy_object(flags: Sequence[str] = ()) -> Path:
 def anatomy_environment(
     anatomy: Path, folder: Path, process: str, max_bytes: int, preloaded: str
 ) -> dict[str, str]:
-    """Return the variables with which a process records its events, as does what it starts.
+    """Return the variables with which a process and its children record their events.
 
     Args:
         anatomy: from `anatomy_object`.

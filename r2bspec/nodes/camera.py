@@ -1,7 +1,7 @@
 """Pinhole geometry of sensor_msgs/msg/CameraInfo.
 
-A pixel's integer coordinate is its centre, as OpenCV has it, so the left edge of an image lies at
-u = -0.5. Where an image is resized by s, a point at u therefore goes to (u + 0.5) s - 0.5, and the
+A pixel's integer coordinate is its centre, as OpenCV has it, so the left edge of an image lies at u
+= -0.5. If an image is resized by s, a point at u therefore moves to (u + 0.5) s - 0.5, and the
 principal point with it; scaling it by s alone would move every ray by (1 - s) / 2 pixels.
 """
 
@@ -51,7 +51,7 @@ def scale(info: CameraInfo, scale_x: float, scale_y: float) -> None:
 
 
 def matrix(info: CameraInfo) -> Matrix:
-    """Intrinsics of the image as it was sent: after its region of interest and binning.
+    """Return the intrinsics of the image as it was sent: after its region of interest and binning.
 
     Returns:
         The camera matrix, shape (3, 3), in pixels.
@@ -77,7 +77,7 @@ def _as_sent(info: CameraInfo, field: str, shape: tuple[int, int]) -> Matrix:
 
 
 def rotation(info: CameraInfo) -> Matrix:
-    """Return the rotation from the camera's optical frame to the rectified one, shape (3, 3)."""
+    """Return the rotation from the camera's optical frame to the rectified frame, (3, 3)."""
     return np.array(info.r, dtype=np.float64).reshape(3, 3)
 
 
@@ -118,7 +118,7 @@ def rectified(info: CameraInfo, width: int, height: int) -> None:
 
 
 def distortion(info: CameraInfo) -> Matrix:
-    """Distortion coefficients in OpenCV's order; none at all for an ideal lens.
+    """Return the distortion coefficients in OpenCV's order; empty for an ideal lens.
 
     Raises:
         ValueError: the model is not one of OpenCV's pinhole models.

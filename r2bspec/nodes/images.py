@@ -28,18 +28,18 @@ Pixels = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class PixelFormat:
-    """How one pixel is stored: `channels` values of the numpy type `dtype`."""
+    """How a pixel is stored: `channels` values of the numpy type `dtype`."""
 
     dtype: np.dtype[Any]
     channels: int
 
     @property
     def pixel_bytes(self) -> int:
-        """Bytes of one pixel."""
+        """The size of a pixel in bytes."""
         return self.dtype.itemsize * self.channels
 
     def shape(self, height: int, width: int) -> tuple[int, ...]:
-        """Shape of an image's array: OpenCV's, which has no axis for a single channel."""
+        """Return the shape of an image's array: OpenCV's, without an axis for a single channel."""
         return (height, width) if self.channels == 1 else (height, width, self.channels)
 
 
@@ -139,7 +139,7 @@ def view(image: Image) -> Pixels:
 
 
 def allocate(encoding: str, height: int, width: int) -> tuple[array[int], Pixels]:
-    """Make room for an image without padding.
+    """Allocate an image without padding.
 
     Returns:
         The memory, ready to be an Image's `data` (rclpy takes an ``array('B')`` as it is), and a

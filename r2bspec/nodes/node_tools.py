@@ -1,4 +1,4 @@
-"""What the reference nodes share: parameters that are declared, and images of equal stamps."""
+"""What the reference nodes share: declared parameters, and images of equal stamps."""
 
 from __future__ import annotations
 
@@ -99,11 +99,11 @@ class ReferenceNode(Node):
         return value
 
     def subscribe_set(self, topics: Mapping[str, type], on_set: Callable[..., None]) -> None:
-        """Call `on_set` with one message of each topic, in their order, all with the same stamp.
+        """Call `on_set` with a message of each topic, in their order, all with the same stamp.
 
         If more than `QOS_DEPTH` messages of a topic wait for the others, the oldest is dropped, and
         that is logged at most every few seconds. A ValueError of `on_set` means an unusable
-        message: it is logged, and the node continues with the next one.
+        message: it is logged, and the node continues with the next set.
         """
         sets = StampSets(tuple(topics), QOS_DEPTH)
         logger: Any = self.get_logger()

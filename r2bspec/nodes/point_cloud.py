@@ -1,4 +1,4 @@
-"""A node that makes point clouds of disparities."""
+"""A node that computes point clouds from disparities."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class PointCloudNode(ReferenceNode):
 
     Subscribes to ``disparity``, ``left/image_rect_color`` and ``left/camera_info``, all with the
     same stamp; publishes ``points2``, as many points as pixels, in the frame and with the header of
-    the disparities. Pixels without a disparity are NaN. With `use_color` false, points are black
-    and the image only has to be there. All topics are reliable and keep the last 10 messages.
+    the disparities. Pixels without a disparity are NaN. With `use_color` false, points are black;
+    the image is still required. All topics are reliable and keep the last 10 messages.
 
     Raises:
         ValueError: the value of a parameter is not allowed.

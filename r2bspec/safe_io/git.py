@@ -54,7 +54,7 @@ _FILTER_KEYS: Final = (("clean", ""), ("smudge", ""), ("process", ""), ("require
 
 @dataclass(frozen=True, slots=True)
 class WorkTreeState:
-    """What git says of a work tree.
+    """The state of a work tree as git reports it.
 
     Attributes:
         commit: the full name of the commit that is checked out; empty before the first commit.
@@ -119,7 +119,7 @@ def run_git(
 ) -> subprocess.CompletedProcess[bytes] | None:
     """Run git on a work tree; None if there is no git, or it does not end in time.
 
-    A configuration can include a pipe, which nobody writes to: git is asked no second time then.
+    A configuration can include a pipe, to which nobody writes: git is not asked a second time then.
 
     Args:
         top: the top of the work tree.
@@ -222,8 +222,8 @@ def ref_names(top: Path) -> tuple[str, ...]:
 def commits_named(top: Path, revision: str) -> dict[str, str]:
     """Return the commits that a revision may mean, by the full names that lead to them.
 
-    Git takes the first that there is: a reference before the beginning of a commit's name, and a
-    tag before a branch before one of a remote before the main branch of a remote.
+    Git takes the first that exists: a reference before the beginning of a commit's name, and a tag
+    before a branch before a branch of a remote before the main branch of a remote.
     """
     match = _REVISION.fullmatch(revision)
     if match is None:
@@ -249,7 +249,7 @@ _ABBREVIATED: Final = re.compile(r"(?:^|-g)([0-9a-f]{4,39})$")
 def object_of(top: Path, path: str) -> str:
     """Return the object that git would make of a file of the work tree; empty if it cannot.
 
-    Filters are not applied: a file that is stored filtered has another one.
+    Filters are not applied: a file that is stored filtered has another object.
     """
     return output_of(top, "hash-object", "--no-filters", "--", str(top / path))
 

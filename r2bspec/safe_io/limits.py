@@ -1,8 +1,9 @@
 """Every limit on what is read, in one place: what, how much, and why no more.
 
 A limit keeps a hostile or damaged file from taking the memory or the time of the machine; real
-files stay far below. What exceeds one is refused with an error that names it. Bytes, unless the
-name says otherwise. What is written, shown or waited for has its limits where that is done.
+files stay far below. A file that exceeds a limit is refused with an error that names it. Bytes,
+unless the name says otherwise. Limits on what is written, shown or waited for are where that is
+done.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which files and folders a check looked up, and answers about the machine that checks share.
+"""The files and folders that a check looked up, and answers about the machine that checks share.
 
 The functions of `safe_file` note each path here before they use it. `shared_lookups` answers a
 question about the machine once for many documents; what the answer depends on is then noted for
@@ -26,7 +26,7 @@ R = TypeVar("R")
 
 
 class Lookups(msgspec.Struct):
-    """What was looked up.
+    """The paths that were looked up.
 
     Attributes:
         files: files and folders by their absolute paths, as they were at the first time.
@@ -37,7 +37,7 @@ class Lookups(msgspec.Struct):
     read: set[str] = msgspec.field(default_factory=set)
 
     def add(self, other: Lookups) -> None:
-        """Add what was looked up elsewhere; what is known here already stays."""
+        """Add what was looked up elsewhere; known entries stay."""
         self.files = other.files | self.files
         self.read |= other.read
 
@@ -50,7 +50,7 @@ _SHARED: Final[ContextVar[dict[Any, tuple[Any, Lookups]] | None]] = ContextVar(
 
 @contextlib.contextmanager
 def looked_up_files() -> Iterator[Lookups]:
-    """Within this context, everything that is looked up is added."""
+    """Collect everything that is looked up in the block."""
     lookups = Lookups()
     token = _LOOKED_UP.set(lookups)
     try:
@@ -61,7 +61,7 @@ def looked_up_files() -> Iterator[Lookups]:
 
 @contextlib.contextmanager
 def shared_lookups() -> Iterator[None]:
-    """Within this context, functions with `shared_lookup` are called once for each argument."""
+    """Call functions with `shared_lookup` once for each argument in the block."""
     token = _SHARED.set({})
     try:
         yield
@@ -105,12 +105,12 @@ def _noted(ask: Callable[[], R]) -> tuple[R, Lookups]:
 
 
 def is_noting() -> bool:
-    """Return whether lookups are noted now (`looked_up_files`)."""
+    """Return True if lookups are noted now (`looked_up_files`)."""
     return _LOOKED_UP.get() is not None
 
 
 def note_lookup(path: Path) -> None:
-    """Take notice of a file or a folder before it is opened or looked for."""
+    """Note a file or a folder before it is opened or looked for."""
     noting = _LOOKED_UP.get()
     if noting is not None:
         place = str(path.absolute())
@@ -119,14 +119,14 @@ def note_lookup(path: Path) -> None:
 
 
 def note_read(path: Path) -> None:
-    """Take notice that the content of a file is read, which was looked up before."""
+    """Note that the content of a file is read, which was looked up before."""
     noting = _LOOKED_UP.get()
     if noting is not None:
         noting.read.add(str(path.absolute()))
 
 
 def stamp(path: str | Path) -> Stamp:
-    """Return what changes with a file."""
+    """Return a value that changes with a file."""
     try:
         status = os.stat(path)  # noqa: PTH116 - faster, and a path that cannot be is no file
     except (OSError, ValueError):

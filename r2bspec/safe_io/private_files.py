@@ -1,8 +1,8 @@
 """Files and folders that no other user of the machine may read.
 
-Temporary folders are locked by the process that has made them, and the lock ends with the process,
-however that ends. The next process of this user that makes a temporary folder removes those that no
-process has locked: not even a killed process leaves one.
+Temporary folders are locked by the process that has created them, and the lock ends with the
+process, however that ends. The next process of this user that creates a temporary folder removes
+those that no process has locked: not even a killed process leaves any.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SUFFIX: Final = ".held"
 
 @contextlib.contextmanager
 def private_files() -> Iterator[None]:
-    """Make what this process creates unreadable to other users, for as long as the block lasts."""
+    """Make everything that this process creates in the block unreadable to other users."""
     before = os.umask(PRIVATE_UMASK)
     _replaced.append(before)
     try:
@@ -41,7 +41,7 @@ def private_files() -> Iterator[None]:
 
 
 def user_umask() -> int:
-    """Return the umask that the user has chosen, for programs that make files of theirs.
+    """Return the umask that the user has chosen, for programs that create files of their own.
 
     -1: the same.
     """
@@ -50,7 +50,7 @@ def user_umask() -> int:
 
 @contextlib.contextmanager
 def temporary_folder(kind: str, parent: Path | None = None) -> Iterator[Path]:
-    """A folder that no other user may read, for as long as the block lasts.
+    """Create a folder for the block that no other user may read.
 
     Args:
         kind: what it is for, a part of its name.
@@ -73,7 +73,7 @@ def temporary_folder(kind: str, parent: Path | None = None) -> Iterator[Path]:
 
 @functools.cache
 def process_folder(kind: str) -> Path:
-    """Return the same, for as long as this process lasts.
+    """Create a private folder that lasts as long as this process.
 
     Raises:
         OSError: it cannot be made.
@@ -136,8 +136,8 @@ def _remove_abandoned(parent: Path) -> None:
 def remove_folder(folder: Path) -> None:
     """Remove a folder as far as that is possible.
 
-    A build or a node may have left folders that can be neither read nor written, and folders inside
-    each other, deeper than a path may be long and than Python calls functions.
+    A build or a node may have left folders that can be neither read nor written, and folders nested
+    deeper than a path may be long or Python may recurse.
     """
     import shutil
 

@@ -49,7 +49,7 @@ _TEXTS: Final[ContextVar[Mapping[Path, str]]] = ContextVar("unsaved_files")
 
 @contextlib.contextmanager
 def unsaved_files(texts: Mapping[Path, str]) -> Iterator[None]:
-    """Within this context, these files are read with these texts.
+    """Read these files with these texts in the block.
 
     Args:
         texts: by the resolved path of the file, which must exist on disk.
@@ -85,7 +85,7 @@ _DESCRIPTORS = "/proc/self/fd"
 
 
 class ByteBudget:
-    """What several files may have together.
+    """The bytes that several files may have together.
 
     Args:
         max_bytes: over all of them.
@@ -96,7 +96,7 @@ class ByteBudget:
         self.left = max_bytes
 
     def spend(self, number_of_bytes: int) -> None:
-        """Count what was read of one more file; no more than `left`."""
+        """Count the bytes of another file; no more than `left`."""
         self.left -= number_of_bytes
 
 
@@ -183,17 +183,17 @@ def read_text(
 
 
 def is_regular(path: Path) -> bool:
-    """Return whether a path leads to a regular file; a name that no file can have does not."""
+    """Return True if a path leads to a regular file; False for an impossible name."""
     return stat.S_ISREG(_mode(path))
 
 
 def is_there(path: Path) -> bool:
-    """Return whether a path leads to anything; a name that nothing can have does not."""
+    """Return True if a path leads to anything; False for an impossible name."""
     return _mode(path) != 0
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether a path leads to a folder; a name that no folder can have does not."""
+    """Return True if a path leads to a folder; False for an impossible name."""
     return stat.S_ISDIR(_mode(path))
 
 
@@ -217,7 +217,7 @@ def names_in(folder: Path) -> list[str]:
 
 
 def names_if_any(folder: Path) -> list[str]:
-    """Return the same; none if there is no such folder, or it cannot be read."""
+    """Return the names in a folder, sorted; empty if it does not exist or cannot be read."""
     try:
         return names_in(folder)
     except OSError:

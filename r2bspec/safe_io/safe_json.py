@@ -1,7 +1,7 @@
 """Decoding JSON with limits on size, depth, texts and numbers; each problem is a `DecodeError`.
 
-JSON allows numbers of any size. Arithmetic on them ends in an overflow somewhere, far from the file
-that is to blame; so they are refused where the file is read.
+JSON allows numbers of any size. Arithmetic on them overflows somewhere, far from the file that is
+to blame; so they are refused where the file is read.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from r2bspec.safe_io.safe_file import read_bytes
 
 
 def check_values(value: Any, free: frozenset[str] = frozenset()) -> None:
-    """See that no number inside a decoded value is out of range, and no text too long.
+    """Check that no number inside a decoded value is out of range, and no text too long.
 
     Args:
         value: what was decoded.
@@ -65,7 +65,7 @@ T = TypeVar("T")
 
 
 def read_json(path: Path, kind: type[T], *, max_bytes: int = limits.MAX_JSON_BYTES) -> T:
-    """Read one value from a file.
+    """Read a value from a file.
 
     Raises:
         RefusedFileError: the file is no regular file, or too large.
@@ -82,7 +82,7 @@ def decode_json(
     dec_hook: Callable[[type, Any], Any] | None = None,
     free: frozenset[str] = frozenset(),
 ) -> T:
-    """Decode one value.
+    """Decode a value.
 
     Args:
         content: the document.

@@ -1,7 +1,7 @@
 """Loading YAML that is not a spec: parameter files, interface files, metadata of bags.
 
-Before anything is built, one pass over the events of the parser, which uses no memory, compares
-the document with limits. Aliases and merge keys (``<<``) count with everything that they insert.
+Before anything is built, a pass over the events of the parser, which uses no memory, compares the
+document with limits. Aliases and merge keys (``<<``) count with everything that they insert.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SCANNER_TOO_DEEP: Final = "exceeded maximum nesting depth"
 
 
 def too_deep(max_depth: int) -> str:
-    """That a document has more levels than this."""
+    """Return the message on a document with more levels than this."""
     return f"values are nested more than {max_depth} levels deep"
 
 
@@ -65,7 +65,7 @@ def load_values(
 
 
 def load_texts(text: str, *, max_values: int = MAX_YAML_VALUES) -> Any:
-    """Return the document with every scalar as the text that is written: ``on`` and ``010`` stay.
+    """Return the document with every scalar as its written text: ``on`` and ``010`` stay.
 
     Raises:
         RefusedYamlError: it exceeds a limit.
@@ -78,7 +78,7 @@ def load_texts(text: str, *, max_values: int = MAX_YAML_VALUES) -> Any:
 
 
 def check_document(text: str) -> None:
-    """See that a text is YAML within the limits, without building its values.
+    """Check that a text is YAML within the limits, without building its values.
 
     Raises:
         RefusedYamlError: it is not.

@@ -10,7 +10,7 @@ _OUTPUTS: Final = tuple(number for number in (1, 2) if os.isatty(number))
 
 
 def leave_terminal() -> None:
-    """Write to nothing from now on in place of the terminal, where each write would fail."""
+    """Discard further output to the terminal, which would fail."""
     for number in _OUTPUTS:
         nothing = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nothing, number)

@@ -1,4 +1,4 @@
-"""Combinations on real ROS 2: each start is a run with a folder of its own, as `run` makes it."""
+"""Combinations on real ROS 2: each start is a run with a folder of its own, as `run` plays it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class TuningError(UsageError):
 
 
 class Goal(msgspec.Struct, frozen=True, kw_only=True):
-    """The metric that is to be least.
+    """The metric to minimize.
 
     Attributes:
         metric: as a requirement names it.
@@ -105,7 +105,7 @@ def goal_of(plan: Plan, metric: str) -> Goal:
 
 @dataclass
 class RealMachine:
-    """This host, which makes one run at a time; the caller has its lock.
+    """This host, which plays one run at a time; the caller has its lock.
 
     Attributes:
         selection: of the spec.
@@ -123,7 +123,7 @@ class RealMachine:
     _first_with: dict[str, Combination] = field(default_factory=dict, init=False)
 
     def now(self) -> float:
-        """Seconds of the monotonic clock."""
+        """Return the seconds of the monotonic clock."""
         return time.monotonic()
 
     def prepare(self, combination: Combination) -> api.PreparedBenchmark:
@@ -136,7 +136,7 @@ class RealMachine:
         return api.prepare(self.selection, sets=(*self.selection.sets, *assignments(changes)))
 
     def start(self, combination: Combination, name: str) -> Start:
-        """See `Machine`. A start that the machine could not play is made once more.
+        """Implement `Machine`. A start that the machine could not play is repeated once.
 
         Raises:
             InterruptedRunError: a signal ended the run.
@@ -194,7 +194,7 @@ class RealMachine:
     def prove(
         self, base: Combination | None, winner: Combination, pairs: int, limit_s: float
     ) -> Proof:
-        """See `Machine`; the errors are those of `start`."""
+        """Implement `Machine`; the errors are those of `start`."""
         name = "proof"
         try:
             if base is None:
@@ -304,7 +304,7 @@ def _excess(one: RequirementVerdict, requirement: Requirement) -> float:
 
 
 def excess(above: float, below: float) -> float:
-    """Return by how much a value that should be below another one is above it; see `Start`."""
+    """Return by how much a value that should be below another is above it; see `Start`."""
     if above <= 0 or below <= 0:
         # There is no ratio to nothing: of a share that must be 0 each percent counts as such.
         return min(MAX_EXCESS, above - below)

@@ -18,7 +18,7 @@ from r2bspec.record.files import write_output
 
 
 def check_overlay_path(file: Path, spec: Path) -> None:
-    """See that an overlay of a spec can be written.
+    """Check that an overlay of a spec can be written.
 
     Raises:
         UsageError: it would be in another folder, or the file exists.
@@ -35,7 +35,7 @@ def check_overlay_path(file: Path, spec: Path) -> None:
 def write_overlay(
     file: Path, selection: SpecSelection, changes: Mapping[str, Any], plan: Plan, about: str
 ) -> None:
-    """Write an overlay with the changes of a winner, and see that it is what was tuned.
+    """Write an overlay with the changes of a winner, and check that it is what was tuned.
 
     Args:
         file: to write, in the folder of the spec.

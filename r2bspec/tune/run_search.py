@@ -43,7 +43,8 @@ def tune(
 ) -> TuningResult:
     """Search for the listed values of a spec that meet its objectives at the least cost.
 
-    The caller has seen that the extra is there (`require_extra`), and has the lock of the host.
+    The caller has checked that the extra is installed (`require_extra`), and has the lock of the
+    host.
 
     Args:
         selection: of the spec.
@@ -122,7 +123,7 @@ def tune(
 
 
 def require_extra() -> None:
-    """See that the extra `tune` is installed, before anything is waited for.
+    """Check that the extra `tune` is installed, before anything is waited for.
 
     Raises:
         UsageError: it is not.

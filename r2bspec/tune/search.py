@@ -49,25 +49,25 @@ class SearchLimits(NamedTuple):
 
 
 class Machine(Protocol):
-    """Where combinations are started."""
+    """The machine that starts combinations."""
 
     def now(self) -> float:
-        """Seconds since any moment."""
+        """Return the seconds since any moment."""
 
     def start(self, combination: Combination, name: str) -> Start:
-        """Start all processes once, play one iteration at each rate, and judge it."""
+        """Start all processes once, play an iteration at each rate, and judge it."""
 
     def prove(
         self, base: Combination | None, winner: Combination, pairs: int, limit_s: float
     ) -> Proof:
-        """Play a base and the winner in at most so many pairs, or the winner alone without a base.
+        """Play at most `pairs` pairs of base and winner, or the winner alone without a base.
 
         No pair begins that would end after `limit_s`.
         """
 
 
 class Found(NamedTuple):
-    """What a search claims; see `TuningResult`."""
+    """The claim of a search; see `TuningResult`."""
 
     outcome: TuningOutcome
     reason: str

@@ -1,8 +1,8 @@
-"""The combinations of values that a search may try, and which one to try next.
+"""The combinations of values that a search may try, and which to try next.
 
-A combination has a place for each path of ``tune.values``: 0 is the value that the spec has, 1 the
-first of those that are listed. It is put into the spec as ``--set`` does it, so a combination is
-checked and compiled by the same code as every spec.
+A combination has a place for each path of ``tune.values``: 0 is the value of the spec, 1 the first
+of those that are listed. It is put into the spec as ``--set`` does it, so a combination is checked
+and compiled by the same code as every spec.
 
 First every listed value alone is proposed, in at most half of the trials: most graphs depend on a
 few keys, and a value that breaks the graph shows it alone. Then Optuna's tree-structured Parzen
@@ -40,12 +40,12 @@ class Space:
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """The number of values of each path, that of the spec included."""
+        """The number of values of each path, including that of the spec."""
         return tuple(1 + len(values) for values in self.values.values())
 
     @property
     def today(self) -> Combination:
-        """The combination that is the spec as it is."""
+        """The combination of the spec as it is."""
         return (0,) * len(self.values)
 
     def changes(self, combination: Combination) -> dict[str, Any]:
@@ -67,12 +67,12 @@ class Space:
 
 
 def assignments(changes: Mapping[str, Any]) -> list[str]:
-    """Return the changes as ``--set`` takes them."""
+    """Return the changes in the form of ``--set``."""
     return [f"{path}={json.dumps(value, ensure_ascii=False)}" for path, value in changes.items()]
 
 
 def changes_text(changes: Mapping[str, Any], paths: Iterable[str]) -> str:
-    """Return the changes in one line, with the shortest ends of `paths` that tell them apart."""
+    """Return the changes in one line, with the shortest unambiguous ends of `paths`."""
     names = _short_names(paths)
     texts = (f"{names[path]} {value_text(value)}" for path, value in changes.items())
     return ", ".join(texts) or TODAY
@@ -105,7 +105,7 @@ MAX_EXCESS: Final = 3.0
 
 
 class Proposals:
-    """The combinations to try, each once; today's is known.
+    """The combinations to try, each once; that of today is known.
 
     Args:
         space: of all combinations.
@@ -131,7 +131,7 @@ class Proposals:
         self._asked: dict[Combination, Trial] = {}
 
     def next(self) -> Combination | None:
-        """Return a combination that was not tried; None if there is none."""
+        """Return a combination that was not tried; None if all were."""
         while self._first:
             if (combination := self._first.pop(0)) not in self._results:
                 return combination
@@ -146,7 +146,7 @@ class Proposals:
         return next((one for one in self._rest if one not in self._results), None)
 
     def tell(self, combination: Combination, cost: float | None, excess: float) -> None:
-        """Take in the result of a trial.
+        """Record the result of a trial.
 
         Args:
             combination: that was tried.

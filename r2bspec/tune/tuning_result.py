@@ -1,4 +1,4 @@
-"""What a search found, as frozen values, and what is said of it in the terminal and in Markdown.
+"""The result of a search, as frozen values, and its report in the terminal and in Markdown.
 
 In ``tuning.json`` they are canonical JSON: UTF-8, sorted keys, indentation of two spaces, a newline
 at the end.
@@ -35,7 +35,7 @@ before the proof, or the search has not ended."""
 
 
 class Start(msgspec.Struct, frozen=True, kw_only=True):
-    """One start of all processes, with one iteration at each rate.
+    """A start of all processes, with an iteration at each rate.
 
     Attributes:
         cost: the metric to be least; None where nothing was measured.
@@ -69,12 +69,12 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def starts(self) -> tuple[Start, ...]:
-        """Those that count: the first one chose it for the race, and was lucky."""
+        """The starts that count: without the first, which chose the combination by luck."""
         return self.race or (self.first,)
 
     @property
     def failure(self) -> str:
-        """Why it cannot be the best: a start does not work, or fails; empty if it can be."""
+        """Why it cannot be the best: a start does not work, or fails; else empty."""
         for start in self.starts:
             if start.cost is None or start.outcome not in {"pass", "inconclusive"}:
                 return start.reason or start.outcome
@@ -82,25 +82,25 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def cost(self) -> float | None:
-        """The mean of its starts; None if it is unknown in one of them."""
+        """The mean cost of its starts; None if it is unknown for any of them."""
         costs = [start.cost for start in self.starts if start.cost is not None]
         return sum(costs) / len(costs) if len(costs) == len(self.starts) else None
 
     @property
     def excess(self) -> float:
-        """The mean of its starts."""
+        """The mean excess of its starts."""
         return sum(start.excess for start in self.starts) / len(self.starts)
 
     @property
     def rank(self) -> tuple[bool, bool, float]:
-        """The order of trials: whoever fails comes last, then whoever costs more."""
+        """The order of trials: failures come last, then higher costs."""
         if self.failure or self.cost is None:
             return True, self.cost is None, self.excess
         return False, self.excess > 0, self.cost
 
 
 class Proof(msgspec.Struct, frozen=True, kw_only=True):
-    """What interleaved pairs of new runs, or runs of the winner alone, show.
+    """The evidence of interleaved pairs of new runs, or of runs of the winner alone.
 
     Attributes:
         run: the folder of the comparison, or of the run, below that of the search.
@@ -126,7 +126,7 @@ class Proof(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TuningResult(msgspec.Struct, frozen=True, kw_only=True):
-    """A search.
+    """The result of a search.
 
     Attributes:
         name: of the benchmark.
@@ -158,7 +158,7 @@ class TuningResult(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_proved(self) -> bool:
-        """Whether the winner is claimed."""
+        """Whether the proof shows that the winner is better, or meets the objectives."""
         return self.outcome in {"improved", "meets"}
 
 

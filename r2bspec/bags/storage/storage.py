@@ -1,6 +1,6 @@
 """Opening the storage files of a bag in any format, with clear errors.
 
-Also zstd, in which single messages and whole files of any format may be compressed.
+It also handles zstd, which may compress single messages and whole files of any format.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ else:
 
 
 class DamagedStorageError(ValueError):
-    """A storage file is damaged or of no use; `hint` is the remedy."""
+    """A storage file is damaged or useless; `hint` is the remedy."""
 
     def __init__(self, reason: str, hint: str = "") -> None:
         super().__init__(reason)
@@ -40,7 +40,7 @@ EMPTY_FILE: Final = "it is empty, as after a crash of the recorder"
 
 
 class Storage(Protocol):
-    """One open storage file."""
+    """An open storage file."""
 
     def index(self) -> tuple[recording.TopicInfo, ...]:
         """Return a topic for each recorded publisher, so a name may appear several times."""
@@ -118,10 +118,10 @@ def storage_files(folder: Path) -> tuple[str, ...]:
 
 
 def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
-    """Return the storage files of a bag; `path` is its folder, or the one file itself.
+    """Return the storage files of a bag; `path` is its folder, or the file itself.
 
     A recorder that compresses its files may have written metadata.yaml before or after that, so a
-    file may have been compressed or not, whatever its name there.
+    file may be compressed or not, whatever its name there.
 
     Raises:
         DataError: one is missing (R2B303) or a Git LFS pointer (R2B305).
@@ -174,7 +174,7 @@ def is_packed(path: Path) -> bool:
 def open_storages(paths: tuple[Path, ...]) -> Iterator[list[Storage]]:
     """Open storage files separately.
 
-    With one reader per file, instead of one for the folder, topics are matched by the storage,
+    With a reader for each file, instead of one for the folder, topics are matched by the storage,
     which is correct even if metadata.yaml has another QoS, and files that overlap in time can be
     merged.
 
@@ -241,7 +241,7 @@ def decompress_message(data: bytes) -> bytes:
 
 
 def decompress_ahead(stored: Iterator[tuple[Key, bytes]]) -> Iterator[tuple[Key, bytes]]:
-    """Yield the CDR of stored messages in their order; large ones are decompressed in threads.
+    """Yield the CDR of stored messages in their order; large messages are decompressed in threads.
 
     zstd releases the interpreter lock, so that large messages are decompressed in parallel. Memory
     is bounded by one message per thread, and one more.

@@ -1,8 +1,8 @@
-"""Names the modules that a program in Python has imported, when it exits.
+"""Writes the modules that a Python program has imported when it exits.
 
 The kernel does not know them: sources are read and not mapped. Python imports a module of this name
-when it starts, and this folder is the last one in the ``PYTHONPATH`` of the processes of a graph.
-Of all ways to see what a program has imported that is the one that cannot break it:
+when it starts, and this folder is the last in the ``PYTHONPATH`` of the processes of a graph. Of
+all ways to see what a program has imported this is the one that cannot break it:
 
 - Its command, its interpreter and its ``sys.path`` stay as they are: this folder is removed again.
 - A ``sitecustomize`` that the user or the system has is imported as it would be without this one.

@@ -1,6 +1,7 @@
 """Values that are compared with the limit as recorded: observations, sequential probes.
 
-Observations ------------
+Observations
+------------
 
 Minimum, maximum, counts, and all with == or != are compared with the limit.
 

@@ -1,6 +1,7 @@
 """How percentiles, shares and requirements on windows are decided, and in which words.
 
-Shares ------
+Shares
+------
 
 The counts of all iterations are tested, with their design effect
 (`r2bspec.judge.statistics.shares`). Nothing but the counts shows that starts differ, so that the

@@ -1,6 +1,7 @@
 """A slope through points that resemble their neighbours, and the variance of a mean of such points.
 
-Variance inflation ------------------
+Variance inflation
+------------------
 
 For a stationary sequence with the autocorrelations r_0 = 1, r_1, r_2, .. the variance of the mean
 of many is larger than if they were independent by the factor
