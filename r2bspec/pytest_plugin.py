@@ -10,8 +10,6 @@ The benchmarks of a host run one at a time, in the order in which they came: a t
 host runs others. ``--r2bspec-wait DURATION`` fails it after that time, and ``--r2bspec-no-lock``
 measures next to the others.
 
-``--r2bspec-allow-path`` is the option of the command line without the prefix.
-
 Without ``--r2bspec`` the plugin collects nothing and imports nothing.
 """
 
@@ -45,8 +43,6 @@ _VALUES = {
         "write run folders to DIR/NAME, DIR/NAME-2 and so on  [default: runs/NAME-TIME]",
     ),
 }
-_ACCESS = pytest.StashKey[dict[str, Any]]()
-"""The arguments of `load_spec` that say what a spec may read."""
 
 
 class BenchmarkError(Exception):
@@ -66,22 +62,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default="fail",
         help="the result of an inconclusive requirement  [default: fail]",
     )
-    group.addoption(
-        "--r2bspec-allow-path",
-        metavar="DIR",
-        action="append",
-        default=[],
-        help="a folder, besides that of a spec, from which files may be extended, and in which "
-        "the spec may be if it is a link; may be repeated",
-    )
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Keep the options that say what a spec may read."""
-    if config.getoption("--r2bspec"):
-        folders = config.getoption("--r2bspec-allow-path")
-        allowed = [config.invocation_params.dir / path for path in folders]
-        config.stash[_ACCESS] = {"allow_paths": allowed}
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
@@ -104,7 +84,7 @@ class _SpecFile(pytest.File):
         from r2bspec.diagnostics.quote import printable
         from r2bspec.language.load_spec import load_cases
 
-        for loaded in load_cases(self.path, **self.access):
+        for loaded in load_cases(self.path):
             # As pytest writes the parameters of a test.
             case = printable(f"[{loaded.case}]") if loaded.case else ""
             yield _Validation.from_parent(self, name=f"valid{case}", loaded=loaded)
@@ -121,11 +101,6 @@ class _SpecFile(pytest.File):
                         text=requirement.text,
                         line=span.line,
                     )
-
-    @property
-    def access(self) -> dict[str, Any]:
-        """The arguments of `load_spec` that say what the spec may read."""
-        return self.config.stash[_ACCESS]
 
     def result(self, loaded: LoadedSpec) -> Result:
         """Return the judged run of a case, made once for all its tests.
@@ -157,7 +132,7 @@ class _SpecFile(pytest.File):
             return read_folder(_stored_folder(Path(stored), loaded.id)).result
         output = self.config.getoption("--r2bspec-output")
         folder = _new_folder(Path(output) / api.folder_name(loaded.id)) if output else None
-        prepared = api.prepare(self.path, case=loaded.case, **self.access)
+        prepared = api.prepare(self.path, case=loaded.case)
         return api.run(prepared, folder, wait_s=_wait_s(self.config))
 
 

@@ -415,7 +415,9 @@ class _Draft:
         top.add("benchmark", self._benchmark())
         top.add("slos", self._objectives([each.key for each in monitors.entries]))
         if self.recording is not None and self.outputs:
-            top.below.append("After a run, 'r2bspec suggest SPEC RUN' proposes limits for latency.")
+            top.below.append(
+                "After a run, 'r2bspec judge RUN --suggest SPEC' proposes limits for latency."
+            )
         head = [f"Written by 'r2bspec init' from {', '.join(sources)}."]
         if self.unknown:
             head += [

@@ -64,7 +64,7 @@ def command(
             raise click.UsageError("finished runs are compared without --report: use --format")
         options.refuse("is for specs, which are played", *_FOR_SPECS)
         if any(values.values()):
-            raise click.UsageError("--set, --var, --case and --allow-path are for specs")
+            raise click.UsageError("--set, --var and --case are for specs")
         return _compare_finished(what, margin, options)
     if margin is not None:
         raise click.UsageError("--margin is for finished runs; a spec has its limits in 'slos'")

@@ -81,7 +81,7 @@ def command(
             if not options.quiet:
                 echo(f"base: {gate.tree.name}", err=True)
             selected = gate.select(specs)
-        entries = _entries(gate, selected, values)
+        entries = _entries(selected, values)
         if len(specs) == 1 and len(entries) == 1 and place.is_file():
             return _gate_one(gate, entries[0], selected, options)
         return _gate_all(gate, entries, selected, options)
@@ -95,11 +95,11 @@ class _Entry:
     entry: SuiteEntry
 
 
-def _entries(gate: MergeGate, selected: GatedSpecs, values: SelectionValues) -> list[_Entry]:
+def _entries(selected: GatedSpecs, values: SelectionValues) -> list[_Entry]:
     from r2bspec.cli.spec_selection import suite_entries
     from r2bspec.language.selected_spec import SpecSelection
 
-    selection = SpecSelection(Path(), **(values | {"allow_paths": (gate.tree.head_top,)}))
+    selection = SpecSelection(Path(), **values)
     return [
         _Entry(spec, entry)
         for spec in selected.specs

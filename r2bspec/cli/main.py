@@ -34,11 +34,10 @@ VERBS = {
     "plan": "Show the plan of a run, as JSON or as a diagram.",
     "run": "Run a benchmark on real ROS 2 and judge it by its SLOs.",
     "gate": "Gate a change of a repository: compare specs and their code with a base.",
-    "judge": "Judge a finished run again, optionally by other SLOs.",
+    "judge": "Judge a finished run again, or propose objectives from it.",
     "report": "Write reports of a finished run: HTML, JUnit, Markdown and others.",
     "compare": "Play two specs in pairs, or compare finished runs.",
     "trend": "Show how metrics of finished runs changed over time, and since which commit.",
-    "suggest": "Propose objectives from what a run measured.",
     "tune": "Find the values that meet the objectives at the least cost.",
     "import": "Make specs from scripts of ros2_benchmark and launch files.",
     "data": "List, create, inspect and verify datasets.",
@@ -54,7 +53,6 @@ _PLACES = {
     "interfaces": "authoring:interfaces_command",
     "judge": "finished_runs:judge_command",
     "report": "finished_runs:report_command",
-    "suggest": "proposals:suggest_command",
     "import": "import_:command",
 }
 """Where the command of a verb is, if not under the name `command` in a module of its own."""

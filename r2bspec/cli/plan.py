@@ -63,8 +63,7 @@ def command(
     if other is not None:
         from r2bspec.plan.comparability import diff_plans
 
-        other_selection = SpecSelection(other, allow_paths=values["allow_paths"])
-        other_plan = prepare_and_report(other_selection).plan
+        other_plan = prepare_and_report(SpecSelection(other)).plan
         differences = diff_plans(other_plan, plan)
         _write("".join(f"{difference}\n" for difference in differences).encode(), output)
         return ExitStatus.FINDINGS_OR_FAILED if differences else ExitStatus.OK

@@ -206,14 +206,6 @@ _case_option = click.option(
     help="The case of the matrix, such as threads=2; for 'run' also all.",
 )
 
-_allow_path_option = repeatable_option(
-    "--allow-path",
-    "allow_paths",
-    type=FOLDER,
-    metavar="PATH",
-    help="A folder, besides that of the spec, from which files may be extended",
-)
-
 
 def parse_pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
     """Return the values of an option that takes ``NAME=VALUE``.
@@ -236,20 +228,17 @@ def spec_options(command: Callable[..., int]) -> Callable[..., int]:
     @sets_option
     @variables_option
     @_case_option
-    @_allow_path_option
     @functools.wraps(command)
     def with_values(
         sets: tuple[str, ...],
         variables: tuple[str, ...],
         case: str,
-        allow_paths: tuple[Path, ...],
         **others: Any,
     ) -> int:
         values = SelectionValues(
             sets=sets,
             variables=parse_pairs("--var", variables),
             case=case,
-            allow_paths=allow_paths,
         )
         return command(values=values, **others)
 

@@ -36,7 +36,7 @@ _NO_MONITOR: Final = (
     "No monitor of the script is known: name an output of the graph instead of this."
 )
 _NO_OBJECTIVES: Final = (
-    "The script states no objectives: 'r2bspec suggest SPEC RUN' proposes some after a run."
+    "The script states no objectives: 'r2bspec judge RUN --suggest SPEC' proposes some after a run."
 )
 _LICENCE: Final = re.compile(r"SPDX-|copyright", re.IGNORECASE)
 

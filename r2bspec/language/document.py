@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path as FilePath
@@ -67,7 +67,7 @@ def read_file(path: FilePath, folders: Iterable[FilePath] = ()) -> Source:
     """Read and decode a file; ``-`` is standard input. Problems become diagnostics.
 
     Args:
-        path: the file. If it is a link, the file itself must be below the folder of the link.
+        path: the file. If it is a link, the file itself must be in `readable_folders` of the link.
         folders: further folders in which the file itself may be.
     """
     file = "<stdin>" if str(path) == "-" else str(path)
@@ -75,7 +75,7 @@ def read_file(path: FilePath, folders: Iterable[FilePath] = ()) -> Source:
         if str(path) == "-":
             data = sys.stdin.buffer.read(MAX_DOCUMENT_BYTES + 1)
         else:
-            allowed = (path.parent, *folders)
+            allowed = readable_folders(path.parent, folders)
             data = safe_file.read_bytes(path, max_bytes=MAX_DOCUMENT_BYTES, folders=allowed)
     except safe_file.TooLargeError:
         return _too_large(file)
@@ -84,6 +84,16 @@ def read_file(path: FilePath, folders: Iterable[FilePath] = ()) -> Source:
         message = f"cannot read the file: {reason}"
         return _unreadable(Source(file, ""), "R2B001", message, _reading_help(error))
     return decode(data, file)
+
+
+def readable_folders(folder: FilePath, others: Iterable[FilePath]) -> Iterator[FilePath]:
+    """Yield where files of a document may be: below its folder, or anywhere in its work tree."""
+    yield folder
+    yield from others
+    from r2bspec.safe_io.git import find_work_tree
+
+    if top := find_work_tree(folder):
+        yield top
 
 
 def _unreadable(
@@ -101,7 +111,7 @@ def _too_large(file: str) -> Source:
 
 def _reading_help(error: Exception) -> str:
     if isinstance(error, safe_file.OutsideFolderError):
-        return "copy the file here, or allow the folder that it is in with --allow-path"
+        return "copy the file here, or keep both in one work tree of git"
     hint = error.hint if isinstance(error, safe_file.RefusedFileError) else ""
     return hint or "name a regular file that you may read"
 

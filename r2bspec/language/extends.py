@@ -2,9 +2,9 @@
 
 Nested maps are merged, other values replaced, and null removes a key.
 
-Only files below the folder of the spec, or below folders that the user allows, are read. A path is
-relative to the file in which it is written, and is rewritten where that is another folder;
-arguments of command lines are not: which of them are paths is unknown.
+Only files of the folder of the spec and of its work tree are read. A path is relative to the file
+in which it is written, and is rewritten where that is another folder; arguments of command lines
+are not: which of them are paths is unknown.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from r2bspec.diagnostics import Related, Span, did_you_mean
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language import located_tree as tree
 from r2bspec.language.declaration import ValueRule, language
-from r2bspec.language.document import Document, read_file
+from r2bspec.language.document import Document, read_file, readable_folders
 from r2bspec.language.variables import OPENING
 from r2bspec.language.yaml_document import compose
 from r2bspec.safe_io import limits
@@ -90,8 +90,7 @@ def extend_files(document: Document, allowed: Iterable[FilePath] = ()) -> None:
     root = document.tree
     if isinstance(root, tree.MapNode) and KEY in root.entries:
         home = document.base_dir.resolve()
-        folders = (home, *(FilePath(folder).resolve() for folder in allowed))
-        chain = _Chain(document, folders, [home / FilePath(document.file).name])
+        chain = _Chain(document, home, tuple(allowed), [home / FilePath(document.file).name])
         document.tree = chain.merge(root, document.file, ())
 
 
@@ -99,11 +98,16 @@ class _Chain:
     """Files of which each extends the next; `files` are the real paths of those met so far."""
 
     def __init__(
-        self, document: Document, folders: tuple[FilePath, ...], files: list[FilePath]
+        self,
+        document: Document,
+        home: FilePath,
+        allowed: tuple[FilePath, ...],
+        files: list[FilePath],
     ) -> None:
         self._document = document
+        self._home = home
         self._problems = document.problems
-        self._folders = folders
+        self._allowed = allowed
         self._files = files
 
     def merge(self, root: tree.MapNode, file: str, trace: tuple[Related, ...]) -> tree.MapNode:
@@ -163,7 +167,11 @@ class _Chain:
         """
         try:
             real = path.resolve()
-            inside = any(real.is_relative_to(folder) for folder in self._folders)
+            # The configuration of a repository may have a token.
+            inside = ".git" not in real.parts and any(
+                real.is_relative_to(folder.resolve())
+                for folder in readable_folders(self._home, self._allowed)
+            )
             there = inside and is_regular(path)
         except (OSError, ValueError, RuntimeError):
             inside, there, real = True, False, path
@@ -172,8 +180,7 @@ class _Chain:
                 "R2B134",
                 f"{quote(text)} is outside of the folder of this spec",
                 node.span,
-                "copy it into that folder, or allow it with --allow-path "
-                f"{quote(posixpath.dirname(str(path)) or '.')}",
+                "copy it into that folder, or keep both in one work tree of git",
             )
         elif not there:
             message = f"file not found: {quote(text)}"
@@ -183,7 +190,7 @@ class _Chain:
         return None
 
     def _compose_file(self, node: tree.ScalarNode, file: str) -> tree.MapNode | None:
-        source = read_file(FilePath(file), self._folders)
+        source = read_file(FilePath(file), self._allowed)
         self._document.sources[file] = source
         composed = compose(source)
         self._problems.diagnostics += [

@@ -69,7 +69,7 @@ def tune(
     if not any(objective.level == "error" for objective in prepared.plan.objectives.values()):
         raise TuningError(
             f"{selection.spec} has no objective that values would have to meet",
-            hint="Add one under slos; 'r2bspec suggest' proposes some.",
+            hint="Add one under slos; 'r2bspec judge RUN --suggest SPEC' proposes some.",
         )
     if not spec.tune.values:
         raise TuningError(

@@ -66,10 +66,10 @@ def test_no_line_of_a_linked_file_is_shown(tmp_path: Path) -> None:
     why = "cannot read the file: it is a link out of its folder"
     said = answered("validate", "linked.r2b.yaml", cwd=folder, status=1, says=why)
     assert SECRET not in said
-    assert "--allow-path" in said
+    assert "work tree of git" in said
 
 
-def test_a_link_inside_of_the_folder_or_to_an_allowed_one_is_followed(tmp_path: Path) -> None:
+def test_a_link_inside_of_the_folder_or_of_the_work_tree_is_followed(tmp_path: Path) -> None:
     folder, shared = tmp_path / "specs", tmp_path / "shared"
     folder.mkdir()
     shared.mkdir()
@@ -77,12 +77,14 @@ def test_a_link_inside_of_the_folder_or_to_an_allowed_one_is_followed(tmp_path: 
         file.write_text(LIVE.replace("PLACE", COMMAND), encoding="utf-8")
     (folder / "near.r2b.yaml").symlink_to("real.yaml")
     (folder / "far.r2b.yaml").symlink_to("../shared/far.yaml")
-    for *arguments, refused in (
-        ("near.r2b.yaml", False),
-        ("far.r2b.yaml", True),
-        ("far.r2b.yaml", "--allow-path", "../shared", False),
+    for name, is_work_tree, refused in (
+        ("near.r2b.yaml", False, False),
+        ("far.r2b.yaml", False, True),
+        ("far.r2b.yaml", True, False),
     ):
-        said = answered("validate", *map(str, arguments), cwd=folder, status=(0, 1))
+        if is_work_tree:
+            (tmp_path / ".git").mkdir()
+        said = answered("validate", name, cwd=folder, status=(0, 1))
         assert ("R2B001" in said) == refused
 
 

@@ -229,7 +229,8 @@ def test_a_launch_file_and_a_bag_run(tmp_path: Path, monkeypatch: pytest.MonkeyP
     finished.assert_complete()
     monitor = finished.monitor("cell_answer")
     assert monitor["sent"] == monitor["received"] > 0
-    assert main(["suggest", "cell.r2b.yaml", str(finished.folder), "--write", *LAUNCHED]) == 0
+    words = ["judge", str(finished.folder), "--suggest", "cell.r2b.yaml", "--write"]
+    assert main([*words, *LAUNCHED]) == 0
     slos = yaml.safe_load(Path("cell.r2b.yaml").read_text())["slos"]
     # A machine that is busy has no limit of latency, since its iterations scatter.
     assert any("drop_rate" in each for each in slos["measured_at_30_3_hz"]["require"]), slos

@@ -106,7 +106,7 @@ def sides_of(opened: MergeGate, *paths: str) -> list[GateSides]:
     """The same of a gate that is open."""
     sides = []
     for spec in opened.select(paths or ("bench",)).specs:
-        selection = SpecSelection(spec.head, allow_paths=(opened.tree.head_top,))
+        selection = SpecSelection(spec.head)
         for loaded in selection.load_cases():
             case = replace(selection, case=loaded.case)
             prepared = api.prepare(case)

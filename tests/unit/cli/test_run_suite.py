@@ -52,7 +52,7 @@ def write_spec(folder: Path, name: str, more: str = "") -> Path:
 
 
 def selection(**changes: Any) -> SpecSelection:
-    bare = SpecSelection(Path(), sets=(), variables={}, case="", allow_paths=())
+    bare = SpecSelection(Path(), sets=(), variables={}, case="")
     return replace(bare, **changes)
 
 

@@ -56,13 +56,18 @@ def test_every_text_is_at_hand_for_carets() -> None:
     assert loaded.sources[where.file].line(where.line)[where.column - 1] == "3"
 
 
-def test_a_folder_outside_must_be_allowed(tmp_path: Path) -> None:
+def test_files_of_the_work_tree_are_extended_and_those_of_git_are_not(tmp_path: Path) -> None:
     (tmp_path / "inside").mkdir()
     (tmp_path / "base.yaml").write_text(BASE)
     file = tmp_path / "inside" / "a.r2b.yaml"
     file.write_text("extends: ../base.yaml\n")
     assert codes(file) == ["R2B134"]
     assert codes(file, allow_paths=[tmp_path]) == []
+    (tmp_path / ".git").mkdir()
+    assert codes(file) == []
+    (tmp_path / "base.yaml").rename(tmp_path / ".git" / "base.yaml")
+    file.write_text("extends: ../.git/base.yaml\n")
+    assert codes(file) == ["R2B134"]
 
 
 def test_a_link_does_not_lead_outside(tmp_path: Path) -> None:
