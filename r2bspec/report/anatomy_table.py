@@ -7,6 +7,8 @@ from typing import Final
 
 import msgspec
 
+from r2bspec.diagnostics.quote import pluralize
+from r2bspec.judge.measure.anatomy_blockers import Blocker
 from r2bspec.judge.measure.anatomy_summary import AnatomySummary, PartSummary, PathSummary
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
@@ -89,8 +91,34 @@ def node_rows(anatomy: AnatomySummary) -> Iterator[tuple[str, ...]]:
         )
 
 
+def blocker_text(blocker: Blocker) -> str:
+    """Return for which callback messages wait, and why, as a sentence without a full stop."""
+    where = "" if blocker.by_node == blocker.node else f" of {blocker.by_node}"
+    is_own = (blocker.by_node, blocker.by) == (blocker.node, blocker.topic)
+    if not blocker.by:
+        every = f" (every {show(blocker.period, 's')})" if blocker.period else ""
+        callback = f"a timer{where or ' of the same node'}{every}"
+    elif is_own:
+        callback = "the callback of the messages before"
+    else:
+        callback = f"the callback of {blocker.by}{where}"
+    text = (
+        f"{blocker.topic} waits at {blocker.node} for {callback}: {share(blocker.share)} of the "
+        f"wait, {show(blocker.mean, 's')} on average for {pluralize(blocker.n, 'message')}"
+    )
+    if blocker.threads == 1 and not is_own:
+        text += "; one thread calls both"
+    elif not where and not is_own:
+        text += (
+            f"; of {blocker.threads} threads none calls both at once: they are in one mutually "
+            "exclusive callback group, such as the default group of a node"
+        )
+    return text
+
+
 def anatomy_notes(anatomy: AnatomySummary) -> Iterator[str]:
-    """Yield a sentence, without a full stop, on each missing part."""
+    """Yield a sentence, without a full stop, on each callback that blocks and each missing part."""
+    yield from map(blocker_text, anatomy.blockers)
     if anatomy.error:
         yield anatomy.error.rstrip(".")
     for monitor, received in anatomy.received.items():

@@ -22,7 +22,7 @@ from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
 from r2bspec.middleware.middleware import middleware_named
 from r2bspec.record.run_record import ProfileRecord
 from r2bspec.report import wording
-from r2bspec.report.anatomy_table import anatomies_of, share
+from r2bspec.report.anatomy_table import anatomies_of, blocker_text, share
 
 MOST_NOTES: Final = 5
 """Notes of a report that is not verbose."""
@@ -161,6 +161,9 @@ def _anatomy_notes(result: Result) -> Iterator[str]:
             f"In the anatomy, {share(most.share)} of the latency of {path.monitor} is "
             f"{most.name} of {most.owner} (p99 {show(most.p99, 's')})"
         )
+    blockers = [blocker for anatomy in anatomies_of(result) for blocker in anatomy.blockers]
+    if blockers:
+        yield blocker_text(max(blockers, key=lambda blocker: blocker.n * blocker.mean))
 
 
 def _status_notes(result: Result) -> Iterator[str]:

@@ -21,6 +21,7 @@ from r2bspec.judge.measure.anatomy_events import (
     Events,
     Ints,
     Mask,
+    clipped_sum,
     grouped,
     join_events,
 )
@@ -323,15 +324,8 @@ def _loads(events: Events, starts: Ints, window: tuple[int, int]) -> Seconds:
     edges = np.linspace(0.0, float(window[1] - window[0]), WINDOWS + 1)
     first, last = (np.sort(times[known] - window[0]).astype(np.float64) for times in (began, ended))
     # The time in callbacks before t is the sum of min(end, t) - min(begin, t) over all of them.
-    loads: Seconds = np.diff(_clipped_sum(last, edges) - _clipped_sum(first, edges)) / width
+    loads: Seconds = np.diff(clipped_sum(last, edges) - clipped_sum(first, edges)) / width
     return loads
-
-
-def _clipped_sum(times: Seconds, limits: Seconds) -> Seconds:
-    """For each limit the sum of min(time, limit), of ascending times."""
-    count = np.searchsorted(times, limits)
-    sums: Seconds = np.concatenate(([0.0], np.cumsum(times)))[count]
-    return sums + (times.size - count) * limits
 
 
 _ON_ITS_WAY_NS: Final = 1_000_000_000

@@ -25,6 +25,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from r2bspec.judge.measure.times import Seconds
 from r2bspec.plan.plan import HARNESS_ROLES, Plan
 from r2bspec.record.run_record import AnatomyKind, AnatomyRecord
 from r2bspec.record.sample_arrays import Rows
@@ -425,6 +426,13 @@ def _believed(times: Ints, low: Ints, high: Ints) -> Ints:
     """Times within bounds, or near them and then moved to them; others are unknown."""
     near = (times >= low - _CLOCK_TOLERANCE_NS) & (times <= high + _CLOCK_TOLERANCE_NS)
     return np.where(near, np.clip(times, low, high), UNKNOWN_NS)
+
+
+def clipped_sum(times: Seconds, limits: Seconds) -> Seconds:
+    """For each limit the sum of min(time, limit), of ascending times."""
+    count = np.searchsorted(times, limits)
+    sums: Seconds = np.concatenate(([0.0], np.cumsum(times)))[count]
+    return sums + (times.size - count) * limits
 
 
 def grouped(values: Ints, rows: Ints) -> dict[int, Ints]:

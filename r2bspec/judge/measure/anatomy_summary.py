@@ -6,11 +6,12 @@ of messages that belong together.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import msgspec
 import numpy as np
 
+from r2bspec.judge.measure.anatomy_blockers import Blocker, find_blockers
 from r2bspec.judge.measure.anatomy_paths import Part, PartName, Path
 from r2bspec.judge.measure.times import Seconds, percentile
 from r2bspec.plan.plan import Plan
@@ -102,6 +103,7 @@ class AnatomySummary(msgspec.Struct, frozen=True, kw_only=True):
         rate_hz: at which it was played; 0 for that of the recording or of the graph's own source.
         paths: to all monitors, of each those first that most messages took last.
         nodes: in the order of the paths, then of their names.
+        blockers: the callbacks for which messages waited, where that takes a tenth of a path.
         received: how many messages the monitors received, by name; those whose path is not known
             are in none of the paths.
         lost: events for which there was no room.
@@ -114,6 +116,7 @@ class AnatomySummary(msgspec.Struct, frozen=True, kw_only=True):
     rate_hz: float
     paths: tuple[PathSummary, ...]
     nodes: tuple[NodeSummary, ...]
+    blockers: tuple[Blocker, ...] = ()
     received: dict[str, int] = {}
     lost: int = 0
     only: tuple[str, ...] = ()
@@ -133,12 +136,34 @@ def summarised(
         rate_hz=segment.rate_hz,
         paths=tuple(map(_path, paths)),
         nodes=tuple(_node(found.nodes[name]) for name in names),
+        blockers=tuple(find_blockers(found.events, record, plan, _waiting(paths))),
         received=dict(found.monitored),
         lost=found.lost,
         # One more iteration, of '--anatomy', observes all of them.
         only=plan.anatomy if isinstance(plan.anatomy, tuple) and segment.kind != "anatomy" else (),
         error=record.error,
     )
+
+
+_LONG_WAIT: Final = 0.1
+"""The share of the latency of a path, or of its 99th percentile, from which a wait is explained."""
+
+
+def _waiting(paths: list[Path]) -> list[tuple[str, str]]:
+    """Return the nodes at which messages of a path wait long, with the topic of the messages."""
+    found: dict[tuple[str, str], None] = {}
+    for path in paths:
+        topic_of = dict(zip(path.hops[2::2], path.hops[1::2], strict=False))
+        for part in path.parts:
+            if part.name == "wait":
+                waits = part.seconds[~np.isnan(part.seconds)]
+                is_long = waits.sum() >= _LONG_WAIT * path.seconds.sum() or (
+                    (percentile(waits, 0.99) or 0.0)
+                    >= _LONG_WAIT * (percentile(path.seconds, 0.99) or 0.0)
+                )
+                if waits.any() and is_long:
+                    found[part.owner, topic_of[part.owner]] = None
+    return [*found]
 
 
 def _path(path: Path) -> PathSummary:

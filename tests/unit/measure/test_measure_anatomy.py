@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import msgspec
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from r2bspec.judge.measure.anatomy import Anatomy, anatomy
+from r2bspec.judge.measure.anatomy_blockers import find_blockers
 from r2bspec.judge.measure.anatomy_paths import MAX_PATHS, NOT_SEEN, Path
 from r2bspec.record.run_record import AnatomyKind
 from simulated_anatomies import CHAIN, CLOCK_NS, FORK, TIMER, Graph, Observed, Stage, observed
@@ -188,8 +190,13 @@ def test_forged_rows_raise_nothing_and_add_up(seed: int) -> None:
         rows[name][struck] = forged
     rows = rows[random.random(rows.size) < 0.9]
     random.shuffle(rows)
-    for path in anatomy(simulated.record, rows, simulated.plan, simulated.window_ns).paths["out"]:
+    found = anatomy(simulated.record, rows, simulated.plan, simulated.window_ns)
+    for path in found.paths["out"]:
         np.testing.assert_allclose(total(path), path.seconds, rtol=1e-9, atol=1e-12)
+    waiting = itertools.product(found.events.names.nodes, found.events.names.topics)
+    for blocker in find_blockers(found.events, simulated.record, simulated.plan, waiting):
+        assert blocker.n > 0
+        assert blocker.mean > 0
 
 
 def test_no_rows_are_no_paths() -> None:

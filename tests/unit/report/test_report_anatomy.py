@@ -118,3 +118,50 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
     text = shown(ReportInput(result=result_of(run), run=run), "text")
     assert "blur is static\n" in text
     assert "No iteration of start 2 was observed from inside: blur did not start\n" in text
+
+
+ONE_NODE = Graph(
+    stages=(Stage("track", ("/in", "/other"), "/out", 0.008),), inputs=("/in", "/other"), rate_hz=20
+)
+"""The second message of a step comes while the callback of the first one runs."""
+
+BESIDE_A_TIMER = Graph(
+    stages=(
+        Stage("track", ("/in",), "/out", 0.001, process="all"),
+        Stage("spin", (), "", 0.02, period_s=0.1, process="all"),
+    )
+)
+
+
+@pytest.mark.parametrize(
+    ("graph", "said"),
+    [
+        (ONE_NODE, "/other waits at track for the callback of /in: 100 % of the wait, "),
+        (ONE_NODE, "; one thread calls both"),
+        (
+            replace(ONE_NODE, threads=(("track", 2),)),
+            "; of 2 threads none calls both at once: they are in one mutually exclusive",
+        ),
+        (BESIDE_A_TIMER, "/in waits at track for a timer of spin (every 100 ms): "),
+        (
+            CHAIN.with_stage("blur", service_s=0.012),
+            "/image waits at blur for the callback of the messages before: 100 % of the wait, ",
+        ),
+    ],
+)
+def test_the_callback_for_which_messages_wait_is_named_with_its_reason(
+    tmp_path: Path, graph: Graph, said: str
+) -> None:
+    assert said in " ".join(shown(reported(tmp_path / "run", graph), "text").split())
+
+
+@pytest.mark.parametrize(
+    "graph",
+    [
+        CHAIN,
+        # Nodes of one process that two threads call: one waits for the other only if both are busy.
+        replace(BESIDE_A_TIMER, threads=(("all", 2),)),
+    ],
+)
+def test_a_callback_that_only_runs_beside_is_not_named(tmp_path: Path, graph: Graph) -> None:
+    assert summary(reported(tmp_path / "run", graph)).blockers == ()
