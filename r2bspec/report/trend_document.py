@@ -31,8 +31,8 @@ TREND_FORMATS: Final = ("text", "json", "markdown", "html", "csv")
 """By the names of the formats of a run."""
 
 _BARS: Final = "▁▂▃▄▅▆▇█"
-_MOST_BARS: Final = 30
-"""In a line of text."""
+_MOST_BARS: Final = 24
+"""In a line of text, and in the width of a phone."""
 
 _MAX_LEFT_OUT: Final = 10
 _COLUMNS: Final = (

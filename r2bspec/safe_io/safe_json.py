@@ -6,14 +6,18 @@ to blame; so they are refused where the file is read.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import msgspec
 
 from r2bspec.safe_io import limits
 from r2bspec.safe_io.safe_file import read_bytes
+
+_LIMITS: Final = {float: limits.MAX_NUMBER, int: limits.MAX_INTEGER}
+_WHOLES: Final = (msgspec.Struct, dict, list, tuple)
 
 
 def check_values(value: Any, free: frozenset[str] = frozenset()) -> None:
@@ -26,39 +30,43 @@ def check_values(value: Any, free: frozenset[str] = frozenset()) -> None:
     Raises:
         ValueError: one is; the message has the way to it.
     """
-    # A place is the one around it and a name: most are never written.
-    waiting: list[tuple[Any, Any]] = [("$", value)]
+    # A place is that of what is around it, this, and a position: most are never written.
+    waiting: list[tuple[Any, Any]] = [(None, (value,))]
     while waiting:
-        place, given_value = waiting.pop()
-        if isinstance(given_value, str) and len(given_value) > limits.MAX_TEXT_CHARACTERS:
-            raise ValueError(
-                f"a text has more than {limits.MAX_TEXT_CHARACTERS:,} characters at {_path(place)}"
-            )
-        if isinstance(given_value, bool | str | bytes) or given_value is None:
-            continue
-        if isinstance(given_value, int | float):
-            limit = limits.MAX_INTEGER if isinstance(given_value, int) else limits.MAX_NUMBER
-            if (
-                not -limit <= given_value <= limit and given_value == given_value
-            ):  # NaN is a number of its own
-                raise ValueError(f"a number is out of range at {_path(place)}")
-        elif isinstance(given_value, msgspec.Struct):
-            waiting += [
-                ((place, f".{name}"), getattr(given_value, name))
-                for name in given_value.__struct_fields__
-                if name not in free
-            ]
-        elif isinstance(given_value, dict):
-            waiting += [((place, "[...]"), item) for pair in given_value.items() for item in pair]
-        elif isinstance(given_value, list | tuple):
-            waiting += [((place, number), one) for number, one in enumerate(given_value)]
+        around, whole = waiting.pop()
+        for position, part in enumerate(_parts(whole, free)):
+            limit = _LIMITS.get(type(part))
+            if limit is not None:
+                if not -limit <= part <= limit:  # or NaN
+                    path = _path((around, whole, position))
+                    raise ValueError(f"a number is out of range at {path}")
+            elif isinstance(part, str):
+                if len(part) > limits.MAX_TEXT_CHARACTERS:
+                    most = f"{limits.MAX_TEXT_CHARACTERS:,} characters"
+                    path = _path((around, whole, position))
+                    raise ValueError(f"a text has more than {most} at {path}")
+            elif isinstance(part, _WHOLES):
+                waiting.append(((around, whole, position), part))
 
 
-def _path(place: Any) -> str:
-    if isinstance(place, str):
-        return place
-    around, name = place
-    return f"{_path(around)}{f'[{name}]' if isinstance(name, int) else name}"
+def _parts(whole: Any, free: frozenset[str]) -> Iterable[Any]:
+    """Return the values in another; None for a field that is free."""
+    if isinstance(whole, msgspec.Struct):
+        names = whole.__struct_fields__
+        return [None if name in free else getattr(whole, name) for name in names]
+    if isinstance(whole, dict):
+        return itertools.chain.from_iterable(whole.items())
+    parts: Iterable[Any] = whole
+    return parts
+
+
+def _path(place: tuple[Any, Any, int]) -> str:
+    around, whole, position = place
+    if around is None:
+        return "$"
+    if isinstance(whole, msgspec.Struct):
+        return f"{_path(around)}.{whole.__struct_fields__[position]}"
+    return f"{_path(around)}[{'...' if isinstance(whole, dict) else position}]"
 
 
 T = TypeVar("T")

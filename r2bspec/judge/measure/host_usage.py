@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import statistics
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from r2bspec.judge.measure.units import show
-from r2bspec.record.sample_arrays import RESOURCE_DTYPE, RESOURCE_FIELDS, Rows
+from r2bspec.record.sample_arrays import RESOURCE_DTYPE, Rows
 
 
 @dataclass(frozen=True)
@@ -118,12 +118,20 @@ class ProcessSamples:
         which nothing was sampled then is left out.
         """
         used: list[dict[int, ResourceUse]] = [{} for _ in range(began_ns.size)]
-        for index in self._indices.tolist():
-            windows = self._windows_of(index, began_ns, ended_ns)
-            uses = _uses(self.rows(index), began_ns[windows], ended_ns[windows])
-            for window, use in zip(windows.tolist(), uses, strict=True):
+        for index, windows, sampled in self.windows(began_ns, ended_ns):
+            for window, use in zip(windows, _uses(sampled), strict=True):
                 used[window][index] = use
         return used
+
+    def windows(
+        self, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
+    ) -> Iterator[tuple[int, list[int], SampledWindows]]:
+        """Yield the index of each process, and those of some windows in which it was sampled."""
+        for index in self._indices.tolist():
+            windows = self._windows_of(index, began_ns, ended_ns)
+            if windows.size:
+                ends = began_ns[windows], ended_ns[windows]
+                yield index, windows.tolist(), SampledWindows(self.rows(index), *ends)
 
     def _windows_of(
         self, index: int, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
@@ -161,7 +169,8 @@ class ProcessSamples:
             began, ended = began_ns[windows], ended_ns[windows]
             ends = int(began.min()), int(ended.max())
             rows = _summed([_around(self.rows(index), *ends) for index in those_sampled])
-            for window, use in zip(windows, _uses(rows, began, ended), strict=True):
+            uses = _uses(SampledWindows(rows, began, ended))
+            for window, use in zip(windows, uses, strict=True):
                 together[window] = use
         return together
 
@@ -194,97 +203,123 @@ def total_use(found: Sequence[ResourceUse]) -> ResourceUse:
     return ResourceUse(memory_max_bytes=sum(one.memory_max_bytes or 0 for one in found), **sums)
 
 
-def _uses(
-    rows: Rows, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
-) -> list[ResourceUse]:
-    """Return what one process used in some windows, in each of which it was sampled.
+class SampledWindows:
+    """Some windows in the samples of one process, in each of which it was sampled.
 
-    A run has thousands of windows: all are calculated at once.
+    A run has thousands of windows: all are calculated at once. Samples must cover at least half of
+    a window; the rest of it is left out.
+
+    Args:
+        rows: of the process, in the order of time.
+        began_ns: the beginnings of the windows.
+        ended_ns: their ends.
+
+    Attributes:
+        has_sample: whether a sample is inside of each.
     """
-    if not began_ns.size:
-        return []
-    rows = _around(rows, int(began_ns.min()), int(ended_ns.max()))
-    times = np.ascontiguousarray(rows["time_ns"])
-    since, until = np.searchsorted(times, began_ns), np.searchsorted(times, ended_ns, side="right")
-    before, after = np.maximum(since - 1, 0), np.minimum(until, times.size - 1)
-    start, end = np.maximum(began_ns, times[before]), np.minimum(ended_ns, times[after])
-    covered = (end > start) & (2.0 * (end - start) >= ended_ns - began_ns)
-    seconds = np.where(covered, (end - start) / 1e9, 1.0)
-    # Relative to the first sample, because float64 cannot represent nanoseconds since boot.
-    times_s, start_s, end_s = ((each - times[0]) / 1e9 for each in (times, start, end))
 
-    def growth(field: str) -> NDArray[np.float64]:
-        values = rows[field]
+    def __init__(
+        self, rows: Rows, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
+    ) -> None:
+        self._rows = rows = _around(rows, int(began_ns.min()), int(ended_ns.max()))
+        self._times = times = np.ascontiguousarray(rows["time_ns"])
+        self._since = np.searchsorted(times, began_ns)
+        self._until = np.searchsorted(times, ended_ns, side="right")
+        self.has_sample: NDArray[np.bool_] = self._since < self._until
+        self._before = np.maximum(self._since - 1, 0)
+        self._after = np.minimum(self._until, times.size - 1)
+        self._start = start = np.maximum(began_ns, times[self._before])
+        self._end = end = np.minimum(ended_ns, times[self._after])
+        self._covered = (end > start) & (2.0 * (end - start) >= ended_ns - began_ns)
+        self._seconds = np.where(self._covered, (end - start) / 1e9, 1.0)
+
+    def growth(self, field: str) -> NDArray[np.float64]:
+        """Return the growth of a counter in each window; NaN where it is not known.
+
+        Between two samples it is interpolated linearly.
+        """
+        values = self._rows[field]
+        # Relative to the first sample, because float64 cannot represent nanoseconds since boot.
+        times_s, start_s, end_s = (
+            (each - self._times[0]) / 1e9 for each in (self._times, self._start, self._end)
+        )
         grown: NDArray[np.float64] = np.interp(end_s, times_s, values)
         grown -= np.interp(start_s, times_s, values)
         # -1 in files of versions that did not record it.
         missing = np.concatenate(([0], np.cumsum(~(values >= 0))))
-        grown[missing[after + 1] != missing[before]] = math.nan
+        is_missing = missing[self._after + 1] != missing[self._before]
+        grown[is_missing | ~self._covered] = math.nan
         return grown
 
-    mean = growth("cpu_s") / seconds
+    def mean(self, field: str) -> NDArray[np.float64]:
+        """Return the growth of a counter per second."""
+        return self.growth(field) / self._seconds
+
+    def most(self, field: str) -> NDArray[np.float64]:
+        """Return the largest growth per second between samples at least `MIN_SPACING_NS` apart."""
+        times, start, end, used = self._times, self._start, self._end, self._rows[field]
+        first, past = np.searchsorted(times, start, side="right"), np.searchsorted(times, end)
+        gaps = times[1:] - times[:-1]
+        near = np.concatenate(([0], np.cumsum(gaps < MIN_SPACING_NS)))
+        times_s = (times - times[0]) / 1e9
+        crowded = (
+            self._covered
+            & (past > first)
+            & (near[np.maximum(past - 1, 0)] > near[np.minimum(first, times.size - 1)])
+        )
+        # Of the others, only samples next to an end of the window are too near to it.
+        past_last = past - (end - times[np.maximum(past - 1, 0)] < MIN_SPACING_NS)
+        first = first + (times[np.minimum(first, times.size - 1)] - start < MIN_SPACING_NS)
+        some = first < past_last
+        ends = np.interp([(start - times[0]) / 1e9, (end - times[0]) / 1e9], times_s, used)
+        low, high = np.minimum(first, times.size - 1), np.maximum(past_last - 1, 0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inside = _largest((used[1:] - used[:-1]) / (gaps / 1e9), low, high)
+            at_start = (used[low] - ends[0]) / ((times[low] - start) / 1e9)
+            at_end = (ends[1] - used[high]) / ((end - times[high]) / 1e9)
+            whole = (ends[1] - ends[0]) / ((end - start) / 1e9)
+        inside = np.where(low < high, inside, -math.inf)
+        largest = np.where(some, np.maximum(np.maximum(at_start, at_end), inside), whole)
+        for window in np.flatnonzero(crowded).tolist():
+            after = np.searchsorted(times, start[window], side="right")
+            within = times[after : past[window]]
+            edges = np.concatenate((start[window : window + 1], within, end[window : window + 1]))
+            edges = edges[spaced_indices(edges)]
+            grown = np.diff(np.interp((edges - times[0]) / 1e9, times_s, used))
+            largest[window] = (grown / (np.diff(edges) / 1e9)).max()
+        return np.asarray(np.fmax(self.mean(field), largest))
+
+    def largest(self, field: str) -> NDArray[Any]:
+        """Return the largest value of a sample; anything in a window without."""
+        return _largest(self._rows[field], self._since, self._until)
+
+
+def _uses(sampled: SampledWindows) -> list[ResourceUse]:
+    """Return what one process used in some windows."""
     columns = (
-        covered,
-        mean,
-        np.fmax(mean, _busiest(times, rows["cpu_s"], start, end, covered)),
-        since < until,
-        _largest(rows["memory_bytes"], since, until),
-        growth("waited_s") / seconds,
-        growth("minor_faults"),
+        sampled.mean("cpu_s"),
+        sampled.most("cpu_s"),
+        sampled.has_sample,
+        sampled.largest("memory_bytes"),
+        sampled.mean("waited_s"),
+        sampled.growth("minor_faults"),
     )
     return [
         ResourceUse(
-            cpu_mean=mean if complete else None,
-            cpu_max=most if complete else None,
-            memory_max_bytes=memory if sampled else None,
-            waited=waited if complete and not math.isnan(waited) else None,
-            minor_faults=faults if complete and not math.isnan(faults) else None,
+            cpu_mean=_finite(mean),
+            cpu_max=None if math.isnan(mean) else most,
+            memory_max_bytes=memory if has_sample else None,
+            waited=_finite(waited),
+            minor_faults=_finite(faults),
         )
-        for complete, mean, most, sampled, memory, waited, faults in zip(
+        for mean, most, has_sample, memory, waited, faults in zip(
             *(column.tolist() for column in columns), strict=True
         )
     ]
 
 
-def _busiest(
-    times: NDArray[np.int64],
-    used: NDArray[np.float64],
-    start: NDArray[np.int64],
-    end: NDArray[np.int64],
-    covered: NDArray[np.bool_],
-) -> NDArray[np.float64]:
-    """Return the largest growth per time in some windows; see `ResourceUse`."""
-    first, past = np.searchsorted(times, start, side="right"), np.searchsorted(times, end)
-    gaps = times[1:] - times[:-1]
-    near = np.concatenate(([0], np.cumsum(gaps < MIN_SPACING_NS)))
-    times_s = (times - times[0]) / 1e9
-    crowded = (
-        covered
-        & (past > first)
-        & (near[np.maximum(past - 1, 0)] > near[np.minimum(first, times.size - 1)])
-    )
-    # Of the others, only samples next to an end of the window are too near to it.
-    past_last = past - (end - times[np.maximum(past - 1, 0)] < MIN_SPACING_NS)
-    first = first + (times[np.minimum(first, times.size - 1)] - start < MIN_SPACING_NS)
-    some = first < past_last
-    ends = np.interp([(start - times[0]) / 1e9, (end - times[0]) / 1e9], times_s, used)
-    low, high = np.minimum(first, times.size - 1), np.maximum(past_last - 1, 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inside = _largest((used[1:] - used[:-1]) / (gaps / 1e9), low, high)
-        at_start = (used[low] - ends[0]) / ((times[low] - start) / 1e9)
-        at_end = (ends[1] - used[high]) / ((end - times[high]) / 1e9)
-        whole = (ends[1] - ends[0]) / ((end - start) / 1e9)
-    inside = np.where(low < high, inside, -math.inf)
-    largest: NDArray[np.float64] = np.where(
-        some, np.maximum(np.maximum(at_start, at_end), inside), whole
-    )
-    for window in np.flatnonzero(crowded).tolist():
-        within = times[np.searchsorted(times, start[window], side="right") : past[window]]
-        edges = np.concatenate((start[window : window + 1], within, end[window : window + 1]))
-        edges = edges[spaced_indices(edges)]
-        growth = np.diff(np.interp((edges - times[0]) / 1e9, times_s, used))
-        largest[window] = (growth / (np.diff(edges) / 1e9)).max()
-    return largest
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _largest(
@@ -351,9 +386,6 @@ class DeviceUse:
 
 
 _COUNTERS: Final = ("busy_s", "encoder_s", "decoder_s", "gpu_j", "package_j")
-_COUNTED: Final = np.dtype(
-    [(name, "<f8" if name == "memory_bytes" else kind) for name, kind in RESOURCE_FIELDS]
-)
 
 
 def device_use(
@@ -370,24 +402,26 @@ def device_use(
         steps: the number of steps in each window.
     """
     found: list[dict[int, DeviceUse]] = [{} for _ in steps]
-    # The growth of a counter is calculated as that of processor time.
-    counted = np.zeros(rows.size, _COUNTED)
-    counted["time_ns"], counted["process"] = rows["time_ns"], rows["process"]
-    counted["memory_bytes"] = rows["gpu_bytes"]
-    for counter in _COUNTERS:
-        counted["cpu_s"] = rows[counter]
-        for place, uses in enumerate(ProcessSamples(counted).used_in(began_ns, ended_ns)):
-            seconds = (ended_ns[place] - began_ns[place]) / 1e9
-            for index, use in uses.items():
-                memory = use.memory_max_bytes
-                known = memory if memory is not None and math.isfinite(memory) else None
-                of_index = found[place].setdefault(index, DeviceUse({}, {}, {}, known))
-                mean = use.cpu_mean
-                if mean is None or use.cpu_max is None or not math.isfinite(mean):
-                    continue
-                of_index.mean[counter], of_index.most[counter] = mean, use.cpu_max
-                if steps[place]:
-                    of_index.per_step[counter] = float(mean * seconds / steps[place])
+    for index, windows, sampled in ProcessSamples(rows).windows(began_ns, ended_ns):
+        figures = zip(
+            windows,
+            np.transpose([sampled.mean(counter) for counter in _COUNTERS]).tolist(),
+            np.transpose([sampled.most(counter) for counter in _COUNTERS]).tolist(),
+            np.where(sampled.has_sample, sampled.largest("gpu_bytes"), math.nan).tolist(),
+            strict=True,
+        )
+        for window, means, most, memory in figures:
+            known = [number for number, mean in enumerate(means) if math.isfinite(mean)]
+            mean = {_COUNTERS[number]: means[number] for number in known}
+            seconds = float(ended_ns[window] - began_ns[window]) / 1e9
+            found[window][index] = DeviceUse(
+                mean=mean,
+                most={_COUNTERS[number]: most[number] for number in known},
+                per_step={name: one * seconds / steps[window] for name, one in mean.items()}
+                if steps[window]
+                else {},
+                gpu_bytes=_finite(memory),
+            )
     return found
 
 

@@ -16,10 +16,11 @@ Bonferroni's factor for the number of splits decides what is far from the limit,
 that are too short to permute. Otherwise the values are permuted: the share of permutations whose
 largest q is at least as large is exact for exchangeable values, whatever their distribution.
 
-A single result is no change. So values are first limited to three robust standard deviations
-around the median of five neighbours (Hampel), with the deviation from the differences of
-neighbours, which a step does not enlarge. Where most neighbours are equal, as with drops that are
-rare, there is no such deviation: nothing is limited, and permutations alone decide.
+A single result is no change. So the values of a window that is permuted are first limited to three
+robust standard deviations (of the median absolute deviation) around their median. The limits depend
+on all values alike, so that permutations stay exact, however skewed the values and however large
+single ones are. Where most values are equal, as with drops that are rare, there is no such
+deviation: nothing is limited, and permutations alone decide.
 
 Found shares and false alarms are simulated (`tests/simulation/test_simulation_trend.py`).
 """
@@ -41,9 +42,9 @@ LEVEL: Final = 0.0005
 
 _MIN_SIDE: Final = 3
 _WINDOW: Final = 50
-_NEIGHBOURS: Final = 5
-_LIMIT: Final = 3.0
-_DEVIATION_OF_DIFFERENCES: Final = 1.4826 / math.sqrt(2)
+_LIMIT: Final = 3 * 1.4826
+"""In median absolute deviations."""
+
 _PERMUTATIONS: Final = 9_999
 _CHUNK: Final = 1_000
 _MIN_PERMUTED: Final = 20
@@ -109,7 +110,7 @@ class _Search:
 
     def __init__(self, values: Values, level: float) -> None:
         self._level = level
-        self._values, self._scatters = _limited(values)
+        self._values = values
         self._random = np.random.default_rng(0)
 
     def split(self, start: int, end: int) -> list[int]:
@@ -125,6 +126,10 @@ class _Search:
         """Return the best split between two places."""
         values = self._values[start:end]
         n = values.size
+        middle = np.median(values)
+        reach = _LIMIT * float(np.median(np.abs(values - middle)))
+        if reach and n >= _MIN_PERMUTED:
+            values = np.clip(values, middle - reach, middle + reach)
         gains = _gains(values)
         place = int(np.argmax(gains))
         gain = float(gains[place])
@@ -134,7 +139,7 @@ class _Search:
         error_of_t = _t_error(gain, total, n) * gains.size
         error = error_of_t
         is_clear = not _CLEAR < error < _HOPELESS
-        if not (error >= _HOPELESS or (self._scatters and (is_clear or n < _MIN_PERMUTED))):
+        if not (error >= _HOPELESS or (reach and (is_clear or n < _MIN_PERMUTED))):
             error = self._permuted_error(values, gain)
         return _Candidate(min(error, 1.0), error_of_t, start + place + _MIN_SIDE)
 
@@ -171,16 +176,3 @@ def _t_error(gain: float, total: float, n: int) -> float:
 
     rest = max(total - gain, _ROUNDING * total)
     return 2 * float(stdtr(n - 2, -math.sqrt(gain / rest * (n - 2))))
-
-
-def _limited(values: Values) -> tuple[Values, bool]:
-    """Return the values within the limits of their neighbours, and whether neighbours differ."""
-    if values.size < _NEIGHBOURS:
-        return values, True
-    deviation = _DEVIATION_OF_DIFFERENCES * float(np.median(np.abs(np.diff(values))))
-    if not deviation:
-        return values, False
-    windows = np.lib.stride_tricks.sliding_window_view(values, _NEIGHBOURS)
-    medians = np.pad(np.median(windows, axis=1), _NEIGHBOURS // 2, mode="edge")
-    reach = _LIMIT * deviation
-    return np.clip(values, medians - reach, medians + reach), True

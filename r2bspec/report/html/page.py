@@ -96,6 +96,11 @@ def _page(document: Document, style: str, **context: str) -> bytes:
     return plain.encode("utf-8", errors="replace") + b"\n"
 
 
+def fill_drawing(template: str, **context: object) -> str:
+    """Return a drawing of a template; every text in it is escaped."""
+    return _environment().get_template(template).render(context, palette=PALETTE)
+
+
 @cache
 def _environment() -> Environment:
     import jinja2
@@ -141,8 +146,7 @@ def _graph(report_input: ReportInput) -> Iterator[Chart]:
 
 def _graph_chart(plan: Plan, annotations: dict[str, list[str]], width: float | None) -> Chart:
     graph = lay_out(plan, annotations) if width is None else lay_out(plan, annotations, width)
-    template = _environment().get_template("graph.svg.j2")
-    svg = template.render({"graph": graph, "name": plan.name, "palette": PALETTE})
+    svg = fill_drawing("graph.svg.j2", graph=graph, name=plan.name)
     tail = part_title(TAIL_PERCENTILE)
     what = f", with throughput and {tail} latency at the monitors" if annotations else ""
     return Chart("graph-drawing", f"The graph by phase of the run{what}.", svg, wide=True)

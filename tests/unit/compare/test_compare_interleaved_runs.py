@@ -14,13 +14,19 @@ import pytest
 
 from pair_simulation import latencies
 from r2bspec.compare import interleaved_runs
-from r2bspec.compare.interleaved_comparison import BaseFailsError, ComparisonSide, ComparisonSpec
+from r2bspec.compare.interleaved_comparison import (
+    BaseFailsError,
+    ComparisonSide,
+    ComparisonSpec,
+    why_not_by_turns,
+)
 from r2bspec.compare.interleaved_runs import compare
 from r2bspec.compare.report_input import judge_comparison_folder
 from r2bspec.errors import ExitStatus
 from r2bspec.execute.errors import ProcessDiedError, RunError, UnwritableRunError
 from r2bspec.execute.states import Progress
-from r2bspec.plan.plan import Plan
+from r2bspec.language.spec import Arrivals, QoS
+from r2bspec.plan.plan import InputPlan, Plan, PlayPlan
 from r2bspec.record import run_folder, sample_arrays
 from r2bspec.record.comparison_folder import PairedComparison, open_comparison
 from r2bspec.record.run_folder import RunFolder
@@ -213,3 +219,24 @@ def test_a_base_whose_code_fails_twice_is_not_to_be_tried_again(
     assert not any(line in text for line in last_lines for text in notes.texts)
     (pair, *_) = open_comparison(host.tmp_path / "pairs").record.pairs
     assert pair.unusable.endswith(str(cause))
+
+
+OWN_TIMES = "the load has times of its own"
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({}, ""),
+        ({"arrivals": Arrivals(kind="poisson")}, OWN_TIMES),
+        ({"arrivals": Arrivals(kind="bursts", size=5)}, OWN_TIMES),
+        ({"playback_mode": "timeline"}, OWN_TIMES),
+    ],
+)
+def test_only_steps_at_equal_intervals_are_played_by_turns(
+    changes: dict[str, Any], why: str
+) -> None:
+    played = InputPlan(topic="/in", type="", source="/in", bag_topic="/in", qos=QoS())
+    rate = PlayPlan(rate_hz=30.0, duration_ns=10**9, iterations=3)
+    plan = msgspec.structs.replace(template().plan(), inputs=(played,), play=(rate,), **changes)
+    assert why_not_by_turns(plan, plan) == why
