@@ -10,11 +10,12 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from dataclasses import replace as replace_value
 from pathlib import Path
 
 from msgspec.structs import replace
 
-from r2bspec.authoring.input_roles import input_keys, input_qos, lead_of
+from r2bspec.authoring.input_roles import input_keys, input_qos, latched_inputs, lead_of
 from r2bspec.bags.message_types import begins_with_header
 from r2bspec.bags.offered_qos import offered_profile
 from r2bspec.bags.recorded_times import TopicTimes, read_times
@@ -90,18 +91,26 @@ class DraftRecording:
         index: of the recording, or of its larger part if it has a gap.
         window: that part; None without a gap.
         path: where it is; None for a dataset that is not made yet.
+        needed_ns: the window has what was recorded so long after the beginning of the index.
     """
 
     written: str
     index: BagIndex
     window: TimeWindow | None = None
     path: Path | None = None
+    needed_ns: int = 0
 
     @property
     def used(self) -> TimeWindow:
         """The part that a spec uses."""
         start_ns = self.window.start_ns if self.window else 0
-        if self.index.duration_ns > _LONGEST_WINDOW_NS:
+        last_ns = self.index.duration_ns - _LONGEST_WINDOW_NS
+        if last_ns > 0:
+            if self.needed_ns >= last_ns:
+                end_ns = self.window.end_ns if self.window else None
+                return TimeWindow(start_ns=start_ns + last_ns, end_ns=end_ns)
+            if self.needed_ns >= _LONGEST_WINDOW_NS:
+                start_ns += self.needed_ns
             return TimeWindow(start_ns=start_ns, end_ns=start_ns + _LONGEST_WINDOW_NS)
         return self.window or TimeWindow()
 
@@ -205,8 +214,14 @@ class _Draft:
         return build_wiring(loaded.spec, companion_files=files).measure
 
     def _doubts(self) -> list[str]:
-        """Return why nodes may have more topics than are known, one line each."""
-        return [
+        """Return why nodes may have more topics or other profiles than are known, a line each."""
+        unread = [
+            f"which quality of service {node.key} requests of {topic}: line {line} says it in a "
+            "way that is not read"
+            for node in self.measured.nodes
+            for topic, line in node.interface.unread_qos.items()
+        ]
+        return unread + [
             f"whether {node.key} {does} other topics: {why}"
             for node in self.measured.nodes
             for does, why in (
@@ -259,6 +274,9 @@ class _Draft:
         }
         if not self.inputs or self.recording is None:
             return
+        latched = [self.inputs[topic].first_ns or 0 for topic in latched_inputs(self.inputs)]
+        needed_ns = max(latched, default=0) - self.recording.index.start_ns
+        self.recording = replace_value(self.recording, needed_ns=needed_ns)
         times = self.recording.times(self.inputs)
         for topic, each in times.items():
             if len(each.recorded_ns) >= _ENOUGH_FOR_RATE:
@@ -456,6 +474,8 @@ class _Draft:
         if self.recording is None:
             above = ["Without a recording, the graph has a source of its own (or use --from-bag)."]
             block.add("mode", "live", above)
+        elif self._uses_clock():
+            block.add("clock", True, after="a node has 'use_sim_time: true'")
         inputs = Block()
         for topic, recorded in self.inputs.items():
             entry = {"from": _loaded(recorded), "format": recorded.type}
@@ -465,6 +485,12 @@ class _Draft:
             inputs.add(self._own(topic), {**entry, **({"qos": profile} if profile else {}), **keys})
         block.add("inputs", inputs)
         return block
+
+    def _uses_clock(self) -> bool:
+        """Return True if a node waits for /clock, which no node publishes."""
+        nodes = self.measured.nodes
+        is_set = any(node.parameters.get("use_sim_time") is True for node in nodes)
+        return is_set and not self.measured.publishers("/clock")
 
     def _profile(self, topic: str, recorded: TopicInfo) -> dict[str, object]:
         """Return what of the quality of service of an input is no default."""

@@ -20,9 +20,8 @@ from typing import Any
 
 from r2bspec.authoring.draft_spec import DraftNodes, DraftRecording, draft_text
 from r2bspec.authoring.launch_source import add_launch_nodes, find_launch_file
-from r2bspec.bags.bag_reader import may_be_read
 from r2bspec.bags.recorded_parts import find_parts
-from r2bspec.bags.recorded_times import read_times
+from r2bspec.bags.recorded_times import times_of_bag
 from r2bspec.datasets.catalogue import index, locate
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.errors import R2bspecError, UsageError
@@ -153,12 +152,16 @@ def _add_node(draft: DraftNodes, target: str, parameter_file: str, folder: Path)
         entry.add("lifecycle", "active")
     key = node_key(target, interface.name)
     if parameter_file:
-        entry.add("parameters", _written(parameter_file, folder))
         content = read_parameter_file(Path(parameter_file))
         if content.missing or content.problem:
             what = content.problem or "does not exist"
             hint = "It is a file as for 'ros2 run ... --ros-args --params-file FILE'."
             raise UsageError(f"{parameter_file} {what}", hint=hint)
+        if content.flat:
+            above = [f"Those of {Path(parameter_file).name}, which names no node."]
+            entry.add("parameters", Block.of(dict(content.nodes[0][1])), above)
+        else:
+            entry.add("parameters", _written(parameter_file, folder))
         if not content.matching(f"/r2b/{key}"):
             names = [
                 name for name, _ in content.nodes if name.endswith(f"/{key}") and "*" not in name
@@ -237,9 +240,7 @@ def _recording(bag: str, folder: Path) -> DraftRecording:
             hint="Record it again, or leave --from-bag out.",
             code="R2B321",
         )
-    times = None
-    if location.path is not None and may_be_read(location.path):
-        times = read_times(location.path, found, found.topics)
+    times = times_of_bag(location.path, found) if location.path is not None else None
     parts = find_parts(found, times or {})
     if parts is not None:
         return DraftRecording(written, parts.larger, parts.window, location.path)

@@ -83,7 +83,7 @@ def _index_folder(path: Path) -> recording.BagIndex:
             for topic in _stored_topics(paths)
         ]
         _check_metadata(path, metadata, topics)
-    names = tuple(file.name for file in paths)
+    names = tuple(file.relative_to(path).as_posix() for file in paths)
     index = replace(
         _index(path.resolve(), topics, names), storage=metadata.storage, compression=compression
     )

@@ -25,7 +25,6 @@ from r2bspec.bags.storage.storage import (
     storage_errors,
     storage_paths,
 )
-from r2bspec.safe_io.limits import MAX_STAMPS_BYTES
 
 
 def read_messages(
@@ -51,15 +50,6 @@ def read_messages(
     names = _resolve_topics(path, index, topics)
     _check_window(path, index, window)
     return _read(path, index, names, window)
-
-
-def may_be_read(path: Path) -> bool:
-    """Return True if the bag is so small that all its messages may be read before a run."""
-    try:
-        files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
-        return sum(file.stat().st_size for file in files) <= MAX_STAMPS_BYTES
-    except OSError:
-        return False
 
 
 def _resolve_topics(path: Path, index: BagIndex, topics: Collection[str]) -> frozenset[str]:

@@ -82,7 +82,8 @@ def read_metadata(folder: Path) -> BagMetadata:
         check_not_lfs_pointer(path)
         text = read_text(path, max_bytes=limits.MAX_METADATA_BYTES)
     except FileNotFoundError:
-        bags = sorted(part.parent.name for part in folder.glob(f"*/{METADATA_NAME}"))
+        named = (METADATA_NAME, *(f"*{suffix}" for suffix in SUFFIXES.values()))
+        bags = sorted({part.parent.name for name in named for part in folder.glob(f"*/{name}")})
         raise _unusable(
             f"{folder} is no complete rosbag: it has no {METADATA_NAME}",
             f"name a bag in it: {', '.join(bags[:_SHOWN_BAGS])}"
@@ -114,8 +115,7 @@ def _from_document(info: Any) -> BagMetadata:
     if version > _MAX_VERSION:
         raise ValueError(f"its version is {version}, the newest supported one is {_MAX_VERSION}")
     compression_mode = info.get("compression_mode", "").lower()
-    # Early versions included the name of the folder.
-    files = tuple(PurePath(name).name for name in info["relative_file_paths"] or ())
+    files = tuple(_inside(PurePath(name)) for name in info["relative_file_paths"] or ())
     metadata = BagMetadata(
         # The names of the files are right where recorders leave it empty, out, or write another.
         storage=storage_of(files) or info.get("storage_identifier", ""),
@@ -138,6 +138,12 @@ def storage_of(files: Iterable[str]) -> str:
     suffixes = {suffix: storage for storage, suffix in SUFFIXES.items()}
     names = [PurePath(name.removesuffix(".zstd")) for name in files]
     return next((suffixes[name.suffix] for name in names if name.suffix in suffixes), "")
+
+
+def _inside(path: PurePath) -> str:
+    """Return the place of a file in the folder of a bag."""
+    is_inside = not path.is_absolute() and ".." not in path.parts
+    return path.as_posix() if is_inside else path.name
 
 
 def _int(text: str) -> int:

@@ -18,6 +18,7 @@ from msgspec.structs import replace
 from r2bspec.bags.offered_qos import is_latched
 from r2bspec.bags.recorded_times import TopicTimes
 from r2bspec.bags.recording import BagIndex, TimeWindow, TopicInfo
+from r2bspec.language.quantities import Duration
 
 _SHORTEST_GAP_NS: Final = 10_000_000_000
 _MILLISECOND_NS: Final = 1_000_000
@@ -57,12 +58,8 @@ class RecordedParts:
     @property
     def window_text(self) -> str:
         """The window of the larger part, as a spec has it."""
-        ends = "" if self.window.end_ns is None else f", end: {_exact(self.window.end_ns)}"
-        return f"window: {{start: {_exact(self.window.start_ns)}{ends}}}"
-
-
-def _exact(time_ns: int) -> str:
-    return f"{time_ns // _MILLISECOND_NS / 1000:.12g} s"
+        ends = "" if self.window.end_ns is None else f", end: {Duration(self.window.end_ns)}"
+        return f"window: {{start: {Duration(self.window.start_ns)}{ends}}}"
 
 
 def _rounded(time_ns: int) -> str:

@@ -7,8 +7,8 @@ therefore kept in the cache of the user. Its key has the size, times and inode o
 changed bag is read again. If the cache cannot be read or written, or others can change it, bags are
 read without it.
 
-Counts of rendered datasets and of whole bags are exact. Other counts are estimated from the mean
-rate; if the estimate is low, the messages are read.
+Counts of rendered datasets and of whole bags are exact, as are those of which the times are known.
+Other counts are estimated from the mean rate, and at least 1: a topic may have pauses.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache, cached_property
-from itertools import islice
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeVar
 
@@ -298,12 +297,18 @@ class Context:
     @cached_property
     def window_times(self) -> dict[str, TopicTimes] | None:
         """The times of loaded messages in the window, by names of the spec; None if not read."""
-        from r2bspec.bags.recorded_times import times_in_window
+        from r2bspec.bags.recorded_times import merged_times, times_in_window
 
-        path = self.bag_location.path if self.bag_location is not None else None
-        times = cached_times(path, self.bag) if self.bag is not None and path is not None else None
-        if times is None or self.bag is None:
+        read = [
+            cached_times(bag.location.path, bag.content)
+            if bag.content is not None and bag.location is not None and bag.location.path
+            else None
+            for bag in self.recordings
+        ]
+        known = [times for times in read if times is not None]
+        if self.bag is None or len(known) < len(read):
             return None
+        times = merged_times(known)
         infos = {name: self.bag.find(name) for name in self.spec.data_loader.topics}
         loaded = {
             name: times[info.name]
@@ -314,9 +319,15 @@ class Context:
 
     @cached_property
     def input_times(self) -> dict[str, TopicTimes]:
-        """The times of stamped inputs that are loaded directly, as far as they were read.
+        """The times of stamped inputs that are loaded directly, if all of them are known."""
+        return {name: each for name, each in self.first_times.items() if each.is_stamped}
 
-        The stamps are corrected by what the spec says of the clock.
+    @cached_property
+    def first_times(self) -> dict[str, TopicTimes]:
+        """The times of stamped inputs that are loaded directly.
+
+        Of a large bag there are the first stamps. They are corrected by what the spec says of the
+        clock.
         """
         from r2bspec.bags.recorded_times import TopicTimes
 
@@ -325,7 +336,7 @@ class Context:
             source = self.wiring.topic(played.source)
             topic = direct_bag_topic(source, self.spec, self.wiring)
             found = (self.window_times or {}).get(topic)
-            if found is not None and found.is_stamped and begins_with_header(played.format):
+            if found is not None and begins_with_header(played.format):
                 ahead_ns = played.clock_ahead.ns
                 # Stamps of 0 were never set.
                 right_ns = [stamp_ns and stamp_ns - ahead_ns for stamp_ns in found.stamps_ns]
@@ -381,7 +392,7 @@ class Context:
         return topic.removeprefix(inside) if topic.startswith(inside) else topic
 
 
-_CACHE_VERSION = 3
+_CACHE_VERSION = 4
 """Increase this with every change of what is kept of a bag."""
 
 _Read = TypeVar("_Read")
@@ -403,18 +414,11 @@ def cached_index(location: BagLocation) -> BagIndex:
 
 
 def cached_times(path: FilePath, index: BagIndex) -> dict[str, TopicTimes] | None:
-    """Return the times of all messages of a bag.
-
-    None for a bag that is too large or cannot be read.
-    """
-    from r2bspec.bags.bag_reader import may_be_read
-    from r2bspec.bags.recorded_times import RecordedTimes, read_times
-
-    if not may_be_read(path):
-        return None
+    """Return the times of the messages of a bag; None if they cannot be read."""
+    from r2bspec.bags.recorded_times import RecordedTimes, times_of_bag
 
     def read() -> RecordedTimes:
-        return RecordedTimes(times=read_times(path, index, index.topics))
+        return RecordedTimes(times=times_of_bag(path, index))
 
     return _cached(path, "times", RecordedTimes, read).times
 
@@ -469,10 +473,6 @@ def clocks_ahead(times: Mapping[str, TopicTimes], slop_ns: int) -> dict[str, Dur
     return {name: Duration(by_ns) for name, by_ns in zip(times, ahead_ns, strict=True)}
 
 
-_MIN_ESTIMATED_MESSAGES = 5
-"""Below this number an estimate is useless, and reading the messages is cheap."""
-
-
 class MessageCount(msgspec.Struct, frozen=True):
     """A number of messages; `exact` is False for an estimate from the mean rate."""
 
@@ -488,6 +488,7 @@ def window_message_counts(context: Context) -> dict[str, MessageCount]:
     window = context.spec.data_loader.window
     start_ns = window.start.ns
     end_ns = bag.duration_ns + 1 if window.end is None else window.end.ns
+    times = context.window_times or {}
     counts = {}
     for name in context.spec.data_loader.topics:
         info = bag.find(name)
@@ -495,6 +496,8 @@ def window_message_counts(context: Context) -> dict[str, MessageCount]:
             continue
         if start_ns == 0 and end_ns > bag.duration_ns:
             counts[name] = MessageCount(info.count, exact=True)
+        elif name in times:
+            counts[name] = MessageCount(len(times[name].recorded_ns), exact=True)
         elif context.is_rendered:
             rendered = _count_rendered(bag.name, info.name, start_ns, end_ns)
             counts[name] = MessageCount(rendered, exact=True)
@@ -502,9 +505,7 @@ def window_message_counts(context: Context) -> dict[str, MessageCount]:
             first_ns, last_ns = info.span_ns or (bag.start_ns, bag.end_ns)
             after_ns = max(start_ns, first_ns - bag.start_ns)
             length_s = (min(end_ns, last_ns - bag.start_ns) - after_ns) / 1e9
-            counts[name] = MessageCount(round(info.rate_hz * max(length_s, 0)), exact=False)
-            if counts[name].messages < _MIN_ESTIMATED_MESSAGES:
-                counts[name] = _count_by_reading(context, info.name)
+            counts[name] = MessageCount(max(1, round(info.rate_hz * length_s)), exact=False)
     return counts
 
 
@@ -515,16 +516,6 @@ def _count_rendered(name: str, topic: str, start_ns: int, end_ns: int) -> int:
     except DataError:
         return 0
     return index.message_count
-
-
-def _count_by_reading(context: Context, topic: str) -> MessageCount:
-    """Count by reading, up to _MIN_ESTIMATED_MESSAGES."""
-    counted = _in_window(
-        context, {topic}, lambda messages: len([*islice(messages, _MIN_ESTIMATED_MESSAGES)])
-    )
-    if counted is None:
-        return MessageCount(_MIN_ESTIMATED_MESSAGES, exact=False)
-    return MessageCount(counted, exact=counted < _MIN_ESTIMATED_MESSAGES)
 
 
 def has_recorded_requests(context: Context, topic: str) -> bool | None:

@@ -162,16 +162,15 @@ def info(bag: str, output_format: str) -> None:
 
 
 def _facts(path: Path, index: BagIndex) -> Iterator[str]:
-    """Return what is unusual: files, profiles, and in a small recording times and stamps."""
+    """Return what is unusual: files, profiles, times and stamps."""
     from r2bspec.bags.bag_index import unnamed_files
-    from r2bspec.bags.bag_reader import may_be_read
     from r2bspec.bags.offered_qos import offered_profile
     from r2bspec.bags.recorded_parts import find_parts
-    from r2bspec.bags.recorded_times import read_times
+    from r2bspec.bags.recorded_times import times_of_bag
 
     if unnamed := unnamed_files(path, index):
         yield f"{', '.join(unnamed)} is not part of it: metadata.yaml does not name it."
-    times = (read_times(path, index, index.topics) if may_be_read(path) else None) or {}
+    times = times_of_bag(path, index) or {}
     if (parts := find_parts(index, times)) is not None:
         yield f"It has {parts.text}: use '{parts.window_text}'."
     for topic, found in times.items():

@@ -85,7 +85,9 @@ MAX_NAME_CHARACTERS: Final = 1_000
 MAX_BAG_INDEX_BYTES: Final = 64_000_000
 """The kept index of a bag."""
 MAX_STAMPS_BYTES: Final = 64 << 20
-"""Stamps of larger bags are not read; their counts are compared."""
+"""Of larger bags only the first stamps are read; their counts are compared."""
+MAX_RECORDED_TIMES: Final = 1_000_000
+"""Times of recording that are looked at for gaps in a bag of any size."""
 
 # Runs, results and reports
 

@@ -31,6 +31,53 @@ MS: Final = 1_000_000
 S: Final = 1_000 * MS
 
 
+_HEAD = """
+import rclpy
+from nav_msgs.msg import OccupancyGrid
+from geometry_msgs.msg import Twist
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, QoSDurabilityPolicy, ReliabilityPolicy, qos_profile_sensor_data
+from sensor_msgs.msg import Image, Imu, LaserScan, PointCloud2
+
+import profiles
+from profiles import IMPORTED, made, make_profile
+from starred import *
+
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Tested(Node):
+    def __init__(self):
+        super().__init__("tested")
+        self.output = self.create_publisher(LaserScan, "output", 10)
+"""
+_TAIL = """
+    def own_profile(self):
+        return QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+
+    def keep(self, message):
+        self.kept = message
+
+    def answer(self, message):
+        self.send(message)
+
+    def send(self, message):
+        self.output.publish(message)
+"""
+_CLASSES = {SCAN: "LaserScan", IMAGE: "Image", IMU: "Imu", MAP: "OccupancyGrid", TWIST: "Twist"}
+_CLASSES[POINTS] = "PointCloud2"
+
+
+def node(*subscriptions: tuple[str, str, str, str], before: str = "") -> str:
+    """The source of a node with subscriptions: topic, type, callback, QoS."""
+    made = "".join(
+        f"        self.create_subscription({_CLASSES[kind]}, '{topic}', self.{callback}, {qos})\n"
+        for topic, kind, callback, qos in subscriptions
+    )
+    return _HEAD + before + made + _TAIL
+
+
 class Recorded(NamedTuple):
     """A message: when it was recorded, and its CDR."""
 

@@ -86,6 +86,10 @@ class McapStorage:
                 data=decompress_message(message.data),
             )
 
+    def times(self) -> Iterator[tuple[str, int]] | None:
+        """As `Storage.times`: only the indexes of the chunks are read."""
+        return None if self._summary is None else _times(self._stream, self._summary)
+
     def close(self) -> None:
         """As `Storage.close`."""
         self._stream.close()
@@ -165,11 +169,24 @@ def _first_times(
             known_ns = times_ns.get(channel)
             if known_ns is not None and sign * bound(chunk) >= sign * known_ns:
                 continue
-            stream.seek(offset)
-            kind, _, of, size = _INDEX.unpack(stream.read(_INDEX.size))
-            if (kind, of) != (_INDEX_RECORD, channel):
-                raise DamagedStorageError("its index does not match a chunk")
-            for time_ns, _ in _INDEX_ENTRY.iter_unpack(stream.read(size)):
+            for time_ns in _indexed_times(stream, channel, offset):
                 known_ns = times_ns.setdefault(channel, time_ns)
                 times_ns[channel] = sign * min(sign * known_ns, sign * time_ns)
     return times_ns
+
+
+def _times(stream: BinaryIO, summary: Summary) -> Iterator[tuple[str, int]]:
+    for chunk in summary.chunk_indexes:
+        for channel, offset in chunk.message_index_offsets.items():
+            for time_ns in _indexed_times(stream, channel, offset):
+                yield summary.channels[channel].topic, time_ns
+
+
+def _indexed_times(stream: BinaryIO, channel: int, offset: int) -> Iterator[int]:
+    """Yield the times of the messages of a channel in a chunk, from the index at an offset."""
+    stream.seek(offset)
+    kind, _, of, size = _INDEX.unpack(stream.read(_INDEX.size))
+    if (kind, of) != (_INDEX_RECORD, channel):
+        raise DamagedStorageError("its index does not match a chunk")
+    for time_ns, _ in _INDEX_ENTRY.iter_unpack(stream.read(size)):
+        yield time_ns

@@ -73,6 +73,12 @@ class SqliteStorage:
         for (topic, time_ns), data in decompress_ahead(stored):
             yield RecordedMessage(topic=topic, time_ns=time_ns, data=data)
 
+    def times(self) -> Iterator[tuple[str, int]]:
+        """As `Storage.times`: the pages of a large message that follow its first are not read."""
+        return self._database.execute(
+            "SELECT name, timestamp FROM messages JOIN topics ON topics.id = topic_id"
+        )
+
     def close(self) -> None:
         """As `Storage.close`."""
         self._database.close()

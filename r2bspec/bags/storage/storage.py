@@ -50,6 +50,13 @@ class Storage(Protocol):
         """Yield the selected messages in time order, as CDR."""
         ...
 
+    def times(self) -> Iterator[tuple[str, int]] | None:
+        """Return the topic and the time of recording of each message, in any order.
+
+        None if only reading the messages would tell.
+        """
+        ...
+
     def close(self) -> None:
         """Close the file."""
         ...
@@ -131,7 +138,7 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
         raise recording.DataError(
             f"{path} does not exist", code="R2B301", hint="check the path of the bag"
         )
-    paths = tuple(_packed_or_not(path / name) for name in files) if path.is_dir() else (path,)
+    paths = tuple(_stored(path, name) for name in files) if path.is_dir() else (path,)
     missing = [candidate.name for candidate in paths if not os.path.isfile(candidate)]  # noqa: PTH113
     if missing:
         raise recording.DataError(
@@ -145,13 +152,24 @@ def storage_paths(path: Path, files: tuple[str, ...]) -> tuple[Path, ...]:
     return paths
 
 
+def _stored(folder: Path, name: str) -> Path:
+    """Return a file of a bag; early versions of metadata.yaml include the name of the folder."""
+    path = folder / name
+    places = (path, folder / path.name)
+    candidates = [place for each in places for place in (each, _packed_or_not(each))]
+    return next((each for each in candidates if os.path.isfile(each)), places[1])  # noqa: PTH113
+
+
 def _packed_or_not(path: Path) -> Path:
-    other = path.with_suffix("") if path.suffix == PACKED else path.with_name(path.name + PACKED)
-    return other if os.path.isfile(other) and not os.path.isfile(path) else path  # noqa: PTH113
+    return path.with_suffix("") if path.suffix == PACKED else path.with_name(path.name + PACKED)
 
 
 def other_files_hint(folder: Path, files: tuple[str, ...]) -> str:
     """Return what to do about a metadata.yaml that does not name these storage files."""
+    inner = sorted(place.name for place in folder.iterdir() if place.is_dir())
+    moved = next((name for name in inner if storage_files(folder / name)), "")
+    if moved and not files:
+        return f"move the files of {folder / moved} to {folder}"
     if not files:
         return "copy the whole folder again: it has no storage file"
     return (

@@ -134,6 +134,8 @@ def window_without_messages(context: Context) -> Findings:
             if empty
             else "'rate: once' of the input plays the last one before the window, as of a map"
             if last_ns < start_ns
+            else f"the first of them comes at {Duration(first_ns - bag.start_ns)}"
+            if first_ns > start_ns
             else f"the bag has {info.count:,} of them, {info.rate_hz:.3g} per second",
             suppressed_by={value_key(_WINDOW)},
             suppresses={value_key(("data_loader", "topics", name))},

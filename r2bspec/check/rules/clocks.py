@@ -81,24 +81,27 @@ def clock_published_twice(context: Context) -> Findings:
 @rule("R2B327")
 def stamps_of_another_clock(context: Context) -> Findings:
     """Find recorded stamps that were never set, or are of another clock than the recording."""
-    times = context.input_times
+    times = context.first_times
+    alike: dict[tuple[str, str], list[str]] = {}
     for name, found in times.items():
         played = context.spec.playback.played[name]
         # Of several inputs it matters how their clocks differ.
         if found.clock == "same" or (found.clock == "other" and len(times) > 1):
             continue
-        if played.clock_ahead.ns:
-            continue
-        place = ("playback", "inputs", name)
-        is_kept = played.timestamp == "none"
+        if not played.clock_ahead.ns:
+            alike.setdefault((found.clock, played.timestamp), []).append(name)
+    for (clock, timestamp), (first, *others) in alike.items():
+        place = ("playback", "inputs", first)
+        is_kept = timestamp == "none"
+        likewise = f"; likewise {', '.join(map(quote, others))}" if others else ""
         yield Finding(
-            message=f"{quote(name)} {found.clock_text}",
+            message=f"{quote(first)} {times[first].clock_text}{likewise}",
             path=(*place, "timestamp") if is_kept else place,
             key=not is_kept,
             help="without 'timestamp: none' the player writes the time of playing into the headers"
             if is_kept
-            else "the player writes the time of playing into the headers; with 'playback: {clock: "
-            "true}' nodes with 'use_sim_time' get that time on /clock",
+            else "the player writes the time of playing into the headers; "
+            + _while_playing(clock, publishes_clock=context.spec.playback.clock),
             severity="warning" if is_kept else None,
             suppressed_by={value_key(("data_loader", "window"))},
         )
@@ -112,6 +115,16 @@ def stamps_of_another_clock(context: Context) -> Findings:
             severity="warning",
             suppressed_by={value_key(("data_loader", "window"))},
         )
+
+
+def _while_playing(clock: str, *, publishes_clock: bool) -> str:
+    """Return what else a user has to know of stamps of this clock."""
+    if clock in {"stuck", "partly"}:
+        return "messages without different stamps are paired in the order of recording"
+    if clock == "paced":
+        return "timelines and 'rate: recorded' are played at the times of recording"
+    gets = "nodes with 'use_sim_time' get that time on /clock"
+    return gets if publishes_clock else f"with 'playback: {{clock: true}}' {gets}"
 
 
 def _clocks_apart(context: Context) -> dict[str, Duration]:

@@ -163,8 +163,10 @@ def parameter_file_unusable(context: Context) -> Findings:
     for _, node in context.nodes:
         for path, name, file in parameter_files(context, node):
             problem = file.problem
+            advice = "the layout is the node name, 'ros__parameters', then the parameters"
             if file.flat and node.node.kind.name != "plugin":
                 problem = "names no node; only a component may have such a file"
+                advice = f"write its values here, as a map; or in the file, {advice}"
             if not problem:
                 continue
             yield Finding(
@@ -175,7 +177,7 @@ def parameter_file_unusable(context: Context) -> Findings:
                 help=near_file(context.loaded.base_dir / name)
                 or f"paths are relative to the folder of the spec ({context.loaded.base_dir})"
                 if file.missing
-                else "the layout is the node name, 'ros__parameters', then the parameters",
+                else advice,
                 suppresses={value_key(path)},
                 suppressed_by={value_key(path)},
             )

@@ -5,13 +5,15 @@ Every call of `create_publisher`, `create_subscription`, `create_service` and `d
 have literal arguments is complete: a topic is a literal, a name that is bound to a literal once, or
 the value of a parameter with a literal name. Otherwise, and if the node is passed to unknown code,
 the interface says why there may be more. A function has the interface of the only node class that
-it instantiates.
+it instantiates, or of the only node that it creates without a class: of what it, the functions
+inside of it, and the functions that get the node from it create.
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Final, Literal
 
@@ -20,14 +22,18 @@ import msgspec
 from r2bspec.language.spec import QoS
 from r2bspec.plan.wiring import python_files
 from r2bspec.plan.wiring.node_interface import InterfaceEntry, ParameterInfo, ParameterType
-from r2bspec.plan.wiring.python_source import SourceNames, own_nodes, returned_value
-from r2bspec.plan.wiring.source_qos import read_profile
+from r2bspec.plan.wiring.python_source import SourceNames, own_nodes, single_values
+from r2bspec.plan.wiring.source_qos import Scope, read_profile
 from r2bspec.safe_io.limits import MAX_BASE_CLASSES
 
 _NODES: Final = frozenset({"rclpy.Node", "rclpy.node.Node"})
 _LIFECYCLE_NODES: Final = frozenset(
     f"rclpy.lifecycle.{name}" for name in ("LifecycleNode", "Node", "node.LifecycleNode")
 )
+_CREATED: Final = _NODES | _LIFECYCLE_NODES | {"rclpy.create_node"}
+"""What makes a node without a class of its own."""
+_USERS: Final = frozenset({"add_node", "remove_node"})
+"""Methods of executors that get a node, and create nothing of it."""
 _PUBLISHER_METHODS: Final = frozenset({"create_publisher", "create_lifecycle_publisher"})
 _PARAMETER_OPTIONS: Final = frozenset(
     {"automatically_declare_parameters_from_overrides", "allow_undeclared_parameters"}
@@ -38,6 +44,7 @@ _PARAMETER_VALUES: Final = frozenset({"value", "string_value"})
 _TYPES: dict[type, ParameterType] = {bool: "bool", int: "integer", float: "double", str: "string"}
 _TRANSFORMS: Final = "tf2_msgs/msg/TFMessage"
 _MAX_STEPS: Final = 10
+_SELF: Final = frozenset({"self"})
 
 _Side = Literal["publishes", "subscribes"]
 _Class = python_files.Definition
@@ -97,40 +104,48 @@ def read_node_class(
         path: of the file, absolute; without one, its imports are not followed.
         read: reads other files of its package.
     """
-    found = _started_class(python_files.source_file(tree, path, read), name)
-    if isinstance(found, str):
-        return unknown_interface(found)
+    found = python_files.find_definition(python_files.source_file(tree, path, read), name)
+    if found is None:
+        return unknown_interface(f"{name} is not a class of its file")
+    classes = [found] if isinstance(found.node, ast.ClassDef) else _made_classes(found)
+    created = [] if isinstance(found.node, ast.ClassDef) else [*_creations(found)]
     reading = _Reading()
-    for definition in _class_and_bases(found):
+    if len(classes) + len(created) != 1:
+        number = len(classes) + len(created)
+        return unknown_interface(f"{name} makes {number or 'no'} nodes of classes that are read")
+    if created:
+        reading.add_function(found, *created[0])
+        return reading.entry()
+    for definition in _class_and_bases(classes[0]):
         reading.add_class(definition)
     return reading.entry()
 
 
-def _started_class(file: python_files.SourceFile, name: str) -> _Class | str:
-    """Return the class that a name means, or of which a function makes its node.
-
-    Otherwise why not.
-    """
-    found = python_files.find_definition(file, name)
-    if found is None:
-        return f"{name} is not a class of its file"
-    if isinstance(found.node, ast.ClassDef):
-        return found
+def _made_classes(found: python_files.Definition) -> list[_Class]:
+    """Return the classes of nodes that a function calls."""
     called = {
         node.func.id
         for node in own_nodes(found.node.body)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     }
-    classes = [
+    return [
         definition
         for each in sorted(called)
         if (definition := python_files.find_definition(found.file, each)) is not None
         and isinstance(definition.node, ast.ClassDef)
         and _is_node(definition)
     ]
-    if len(classes) == 1:
-        return classes[0]
-    return f"{name} makes {len(classes) or 'no'} nodes of classes that are read"
+
+
+def _creations(found: python_files.Definition) -> Iterator[tuple[str, ast.Call]]:
+    """Yield the variables that get a node without a class of its own, and what creates it."""
+    for node in [*ast.walk(found.node), *found.file.tree.body]:
+        match node:
+            case (
+                ast.Assign(targets=[target], value=ast.Call() as call)
+                | ast.AnnAssign(target=target, value=ast.Call() as call)
+            ) if found.file.names.full_name(call.func) in _CREATED:
+                yield ast.unparse(target), call
 
 
 def _class_and_bases(found: _Class) -> Iterator[_Class]:
@@ -162,7 +177,7 @@ def _is_node(found: _Class) -> bool:
         if _base_name(definition) in _NODES | _LIFECYCLE_NODES:
             return True
     return any(
-        _method_of_self(node).startswith("create_")
+        _method_of_node(node).startswith("create_")
         for node in ast.walk(found.node)
         if isinstance(node, ast.Call)
     )
@@ -177,8 +192,9 @@ class _Reading:
         self._parameters: dict[str, ParameterInfo] = {}
         self._knows_parameters = True
         self._qos: dict[str, QoS] = {}
-        self._publishing: list[str] = []
-        self._methods: dict[str, ast.stmt] = {}
+        self._publishing: dict[str, None] = {}
+        self._unread_qos: dict[str, int] = {}
+        self._methods: dict[str, ast.FunctionDef] = {}
         self._services: dict[str, str] = {}
         self._name = ""
         self._lifecycle = False
@@ -194,7 +210,7 @@ class _Reading:
         # A constant of the class is read by `self`, or by its name.
         attributes = {
             f"{owner}.{name}": value
-            for name, value in _single_values(found.node, found.node.body).items()
+            for name, value in single_values(found.node, found.node.body).items()
             for owner in ("self", found.node.name)
         }
         self._methods |= {
@@ -202,14 +218,38 @@ class _Reading:
             for method in found.node.body
             if isinstance(method, ast.FunctionDef) and method.name not in self._methods
         }
-        attributes |= {
-            f"self.{name}()": returned_value(method) for name, method in self._methods.items()
-        }
         for method in found.node.body:
-            values = {**attributes, **_single_values(method)}
-            for node in ast.walk(method):
-                if isinstance(node, ast.Call):
-                    self._add_call(node, found.file, values, method)
+            values = {**attributes, **single_values(method)}
+            self._add_calls(Scope(found.file, values, self._methods, method, _SELF))
+
+    def add_function(self, found: python_files.Definition, owner: str, call: ast.Call) -> None:
+        """Take a function into account that creates a node without a class of its own."""
+        self._lifecycle = found.file.names.full_name(call.func) in _LIFECYCLE_NODES
+        self._add_base_constructor(call)
+        top = {
+            each.name: each for each in found.file.tree.body if isinstance(each, ast.FunctionDef)
+        }
+        functions = [(found.node, owner)]
+        for function, name in functions:
+            inside = [each for each in ast.walk(function) if isinstance(each, ast.FunctionDef)]
+            self._methods = {**top, **{each.name: each for each in inside}}
+            owners = frozenset({name, owner})
+            values = {**single_values(function), name: None}
+            calls = Scope(found.file, values, self._methods, function, owners)
+            for called, parameter in self._add_calls(calls):
+                if (called, parameter) not in functions:
+                    functions.append((called, parameter))
+
+    def _add_calls(self, scope: Scope) -> list[tuple[ast.FunctionDef, str]]:
+        """Take all calls of a text into account; returns the functions that get the node."""
+        given = []
+        for call in _calls(scope.node):
+            inner = _given_to(call, scope)
+            if inner is None:
+                self._add_call(call, scope)
+            else:
+                given.append(inner)
+        return given
 
     def _doubt(self, side: _Side, why: str) -> None:
         self._more[side] = self._more[side] or why
@@ -219,65 +259,45 @@ class _Reading:
         self._doubt("subscribes", why)
         self._knows_parameters = False
 
-    def _add_call(
-        self,
-        call: ast.Call,
-        file: python_files.SourceFile,
-        values: Mapping[str, ast.expr | None],
-        scope: ast.AST,
-    ) -> None:
-        method, names = _method_of_self(call), file.names
+    def _add_call(self, call: ast.Call, scope: Scope) -> None:
+        method = _method_of_node(call, scope.owners)
         if method in _PUBLISHER_METHODS:
-            self._add_topic("publishes", call, file, values, scope)
+            self._add_topic("publishes", call, scope)
         elif method == "create_subscription":
-            self._add_topic("subscribes", call, file, values, scope)
+            self._add_topic("subscribes", call, scope)
         elif method == "create_service":
-            self._add_service(call, names, values, "srv", first=0)
+            self._add_service(call, scope, "srv", first=0)
         elif method in {"declare_parameter", "declare_parameters"}:
             self._add_parameters(call, method)
         elif method == "__init__":
             self._add_base_constructor(call)
-        elif not method and _passes_node(call):
-            self._add_helper(call, file, values, scope)
+        elif not method and _passes_node(call, scope):
+            self._add_helper(call, scope)
 
-    def _add_topic(
-        self,
-        side: _Side,
-        call: ast.Call,
-        file: python_files.SourceFile,
-        values: Mapping[str, ast.expr | None],
-        scope: ast.AST,
-        first: int = 0,
-    ) -> None:
+    def _add_topic(self, side: _Side, call: ast.Call, scope: Scope, first: int = 0) -> None:
         """Take a publisher or a subscription into account, whose type is the argument `first`."""
-        names = file.names
-        topic = _text(_argument(call, first + 1, "topic"), names, values)
+        topic = _text(_argument(call, first + 1, "topic"), scope)
         if topic is None:
             what = "publisher" if side == "publishes" else "subscription"
             self._doubt(side, f"line {call.lineno} makes a {what} whose topic is no literal")
             return
-        written = _interface_type(_argument(call, first, "msg_type"), names)
+        written = _interface_type(_argument(call, first, "msg_type"), scope.file.names)
         if self._topics[side].setdefault(topic, written) != written:
             self._topics[side][topic] = ""
         given = _argument(call, first + (2 if side == "publishes" else 3), "qos_profile")
-        qos = read_profile(given, file, values, scope)
+        qos = read_profile(given, scope)
         is_overridden = any(keyword.arg == "qos_overriding_options" for keyword in call.keywords)
         if qos is not None and not is_overridden:
             self._qos[topic] = qos
-        if side == "subscribes" and _publishes(
-            _argument(call, first + 2, "callback"), self._methods
-        ):
-            self._publishing.append(topic)
+        if side == "subscribes" and given is not None and qos is None:
+            self._unread_qos[topic] = call.lineno
+        callback = _argument(call, first + 2, "callback")
+        if side == "subscribes" and _publishes(callback, scope):
+            self._publishing[topic] = None
 
-    def _add_helper(
-        self,
-        call: ast.Call,
-        file: python_files.SourceFile,
-        values: Mapping[str, ast.expr | None],
-        scope: ast.AST,
-    ) -> None:
+    def _add_helper(self, call: ast.Call, scope: Scope) -> None:
         """Take the topics into account that a class of another package makes for the node."""
-        names = file.names
+        names = scope.file.names
         package, _, inside = names.full_name(call.func).partition(".")
         helper = _HELPERS.get(f"{package}.{inside.rpartition('.')[2]}")
         if helper is None:
@@ -286,24 +306,24 @@ class _Reading:
         self._topics["publishes"].update(helper.publishes)
         self._topics["subscribes"].update(helper.subscribes)
         if helper.makes_subscription:
-            self._add_topic("subscribes", call, file, values, scope, first=1)
+            self._add_topic("subscribes", call, scope, first=1)
         if helper.names_action:
-            self._add_service(call, names, values, "action", first=1, answers=helper.answers)
+            self._add_service(call, scope, "action", first=1, answers=helper.answers)
 
     def _add_service(
         self,
         call: ast.Call,
-        names: SourceNames,
-        values: Mapping[str, ast.expr | None],
+        scope: Scope,
         kind: Literal["srv", "action"],
         *,
         first: int,
         answers: bool = True,
     ) -> None:
         """Take a service or an action into account: its type is an argument, its name the next."""
-        name = _text(_argument(call, first + 1, f"{kind}_name"), names, values)
+        name = _text(_argument(call, first + 1, f"{kind}_name"), scope)
         if name is not None:
-            written = _interface_type(_argument(call, first, f"{kind}_type"), names, kind)
+            given = _argument(call, first, f"{kind}_type")
+            written = _interface_type(given, scope.file.names, kind)
             self._services[name] = written if answers else ""
 
     def _add_parameters(self, call: ast.Call, method: str) -> None:
@@ -344,6 +364,7 @@ class _Reading:
             services=self._services,
             qos=self._qos,
             publishing=tuple(self._publishing),
+            unread_qos=self._unread_qos,
             origin="source",
             name=self._name,
             may_publish_more=self._more["publishes"],
@@ -356,44 +377,79 @@ def _has_read_base(found: _Class) -> bool:
     return len([*zip(_class_and_bases(found), range(2), strict=False)]) > 1
 
 
-def _is_self(node: ast.AST) -> bool:
-    """Return whether an expression is `self`, or a call of `super`."""
+def _is_node_itself(node: ast.AST, owners: frozenset[str]) -> bool:
+    """Return whether an expression is the node, or a call of `super`."""
     if isinstance(node, ast.Call):
         return isinstance(node.func, ast.Name) and node.func.id == "super"
-    return isinstance(node, ast.Name) and node.id == "self"
+    return isinstance(node, ast.Name | ast.Attribute) and ast.unparse(node) in owners
 
 
-def _method_of_self(call: ast.Call) -> str:
+def _method_of_node(call: ast.Call, owners: frozenset[str] = _SELF) -> str:
     """Return the method of ``self.method(...)`` or ``super().method(...)``.
 
     Empty for any other call.
     """
     called = call.func
-    return called.attr if isinstance(called, ast.Attribute) and _is_self(called.value) else ""
+    is_method = isinstance(called, ast.Attribute) and _is_node_itself(called.value, owners)
+    return called.attr if isinstance(called, ast.Attribute) and is_method else ""
 
 
-def _publishes(
-    callback: ast.AST | None, methods: Mapping[str, ast.stmt], steps: int = _MAX_STEPS
-) -> bool:
-    """Return True if a callback calls ``publish``, itself or by the methods that it calls."""
-    called = callback.func if isinstance(callback, ast.Call) else callback
-    if isinstance(called, ast.Attribute):
-        if called.attr == "publish":
-            return True
-        method = methods.get(called.attr) if _is_self(called.value) else None
-        inside: list[ast.AST] = [*ast.walk(method)] if method is not None else []
-    else:
-        inside = [*ast.walk(callback)] if isinstance(callback, ast.Lambda) else []
-    calls = [node for node in inside if isinstance(node, ast.Call)]
-    return steps > 0 and any(_publishes(call, methods, steps - 1) for call in calls)
+def _publishes(callback: ast.AST | None, scope: Scope) -> bool:
+    """Return True if a callback calls ``publish``, itself or by what it calls."""
+    called = [callback]
+    seen: list[ast.AST] = []
+    for each in called:
+        function: ast.AST | None = None
+        match each.func if isinstance(each, ast.Call) else each:
+            case ast.Attribute(attr="publish"):
+                return True
+            case ast.Attribute(value=owner, attr=name) if _is_node_itself(owner, scope.owners):
+                function = scope.functions.get(name)
+            case ast.Name(id=name):
+                function = scope.functions.get(name)
+            case ast.Lambda():
+                function = each
+        if function is not None and function not in seen:
+            seen.append(function)
+            called += _calls(function)
+    return False
 
 
-def _passes_node(call: ast.Call) -> bool:
-    """Return whether `self` is an argument of a call, other than of `super`."""
+def _passes_node(call: ast.Call, scope: Scope) -> bool:
+    """Return whether the node is an argument of a call that may create something of it."""
     arguments = (*call.args, *(keyword.value for keyword in call.keywords))
-    return not _is_self(call) and any(
-        isinstance(argument, ast.Name) and argument.id == "self" for argument in arguments
+    is_passed = any(
+        not isinstance(each, ast.Call) and _is_node_itself(each, scope.owners) for each in arguments
     )
+    used = isinstance(call.func, ast.Attribute) and call.func.attr in _USERS
+    spins = scope.file.names.full_name(call.func).startswith("rclpy.spin")
+    return is_passed and not used and not spins and not _is_node_itself(call, scope.owners)
+
+
+def _given_to(call: ast.Call, scope: Scope) -> tuple[ast.FunctionDef, str] | None:
+    """Return the function of the file that a call gives the node, and what it is named there."""
+    function = scope.functions.get(call.func.id) if isinstance(call.func, ast.Name) else None
+    if function is None or "self" in scope.owners:
+        return None
+    parameters = [each.arg for each in function.args.args]
+    given = [*zip(parameters, call.args, strict=False)]
+    given += [(each.arg, each.value) for each in call.keywords if each.arg]
+    nodes = [name for name, value in given if _is_node_itself(value, scope.owners)]
+    # A variable of the file is the node everywhere.
+    nodes += [name for name in scope.owners & _names(function) if name not in parameters]
+    return (function, nodes[0]) if nodes else None
+
+
+@lru_cache(maxsize=1_000)
+def _calls(function: ast.AST) -> tuple[ast.Call, ...]:
+    """Return the calls in a function."""
+    return tuple(node for node in ast.walk(function) if isinstance(node, ast.Call))
+
+
+@lru_cache(maxsize=1_000)
+def _names(function: ast.FunctionDef) -> frozenset[str]:
+    """Return the names in a function."""
+    return frozenset(node.id for node in ast.walk(function) if isinstance(node, ast.Name))
 
 
 def _argument(call: ast.Call, position: int, name: str) -> ast.expr | None:
@@ -405,32 +461,7 @@ def _argument(call: ast.Call, position: int, name: str) -> ast.expr | None:
     return next((keyword.value for keyword in call.keywords if keyword.arg == name), None)
 
 
-def _single_values(top: ast.AST, statements: Iterable[ast.AST] = ()) -> dict[str, ast.expr | None]:
-    """Return the only value that each variable gets, ``self.NAME`` too; None if there are others.
-
-    Args:
-        top: a method, or a class.
-        statements: of it that count; by default all.
-    """
-    values: dict[str, ast.expr | None] = {}
-    for node in statements or ast.walk(top):
-        match node:
-            case ast.Assign(
-                targets=[ast.Name() | ast.Attribute(value=ast.Name(id="self")) as target],
-                value=value,
-            ):
-                name = ast.unparse(target)
-                values[name] = None if name in values else value
-            case ast.AugAssign(target=ast.Name(id=name)) | ast.For(target=ast.Name(id=name)):
-                values[name] = None
-            case ast.arg(arg=name):
-                values[name] = None
-    return values
-
-
-def _text(
-    node: ast.expr | None, names: SourceNames, values: Mapping[str, ast.expr | None]
-) -> str | None:
+def _text(node: ast.expr | None, scope: Scope) -> str | None:
     """Return the text that an expression means, or ``$(parameter NAME)``.
 
     None if it is no literal.
@@ -438,26 +469,27 @@ def _text(
     for _ in range(_MAX_STEPS):
         match node:
             case ast.Name(id=name):
-                node = values[name] if name in values else names.constant(name)
+                values = scope.values
+                node = values[name] if name in values else scope.file.names.constant(name)
             case ast.Constant(value=str(text)):
                 return text
             case ast.Attribute(value=inner, attr=attribute) if attribute in _PARAMETER_VALUES:
-                return _parameter(inner, values)
+                return _parameter(inner, scope)
             case _:
                 return None
     return None
 
 
-def _parameter(node: ast.expr | None, values: Mapping[str, ast.expr | None]) -> str | None:
+def _parameter(node: ast.expr | None, scope: Scope) -> str | None:
     """Return the reference to a parameter that an expression is, or whose value it is."""
     for _ in range(_MAX_STEPS):
         match node:
             case ast.Name(id=name):
-                node = values.get(name)
+                node = scope.values.get(name)
             case ast.Call(func=ast.Attribute(value=inner, attr="get_parameter_value")):
                 node = inner
             case ast.Call(args=[ast.Constant(value=str(name)), *_]) if (
-                _method_of_self(node) in _PARAMETER_SOURCES
+                _method_of_node(node, scope.owners) in _PARAMETER_SOURCES
             ):
                 return f"$(parameter {name})"
             case _:

@@ -134,6 +134,7 @@ class Interface(msgspec.Struct, frozen=True):
         may_subscribe_more: likewise.
         is_lifecycle: whether it is known to be a lifecycle node.
         publishing: the subscribed topics whose callbacks are known to publish.
+        unread_qos: the lines that give subscribed topics a profile of which the text says nothing.
     """
 
     subscribes: Mapping[str, str] | None = None
@@ -151,6 +152,7 @@ class Interface(msgspec.Struct, frozen=True):
     may_subscribe_more: str = ""
     is_lifecycle: bool = False
     publishing: tuple[str, ...] = ()
+    unread_qos: Mapping[str, int] = msgspec.field(default_factory=dict)
 
     @property
     def publishes_all(self) -> bool:
@@ -199,6 +201,7 @@ class InterfaceEntry(_InterfaceRow, frozen=True, kw_only=True):
     may_subscribe_more: str = ""
     is_lifecycle: bool = False
     publishing: tuple[str, ...] = ()
+    unread_qos: Mapping[str, int] = msgspec.field(default_factory=dict)
 
 
 InterfaceTable = Mapping[str, InterfaceEntry]
@@ -279,6 +282,7 @@ def interface_of(
         may_subscribe_more="" if node.subscribes else subscribes_entry.may_subscribe_more,
         is_lifecycle=any(entry.is_lifecycle for entry in entries),
         publishing=subscribes_entry.publishing,
+        unread_qos=subscribes_entry.unread_qos,
     )
 
 

@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from r2bspec.plan.wiring.python_source import SourceNames
 from r2bspec.safe_io import safe_file
@@ -137,39 +137,53 @@ def source_file(
     return SourceFile(tree, SourceNames(tree), path, read)
 
 
+_Found = TypeVar("_Found")
+
+
 def find_definition(file: SourceFile, name: str) -> Definition | None:
     """Return the definition of a top-level name of a file, following imports."""
-    for _ in range(MAX_BASE_CLASSES):
-        found = file.names.definition(name)
-        if found is not None:
-            return Definition(file, found)
-        imported = _imported(file, name)
-        if imported is None:
-            return None
-        file, name = imported
-    return None
+    found: tuple[SourceFile, ast.ClassDef | ast.FunctionDef] | None
+    found = _find(file, name, SourceNames.definition)
+    return None if found is None else Definition(*found)
 
 
 def find_constant(file: SourceFile, name: str) -> tuple[SourceFile, ast.expr] | None:
     """Return the value of a top-level variable of a file, following imports."""
-    for _ in range(MAX_BASE_CLASSES):
-        if (value := file.names.constant(name)) is not None:
-            return file, value
-        imported = _imported(file, name)
-        if imported is None:
-            return None
-        file, name = imported
+    return _find(file, name, SourceNames.constant)
+
+
+def _find(
+    file: SourceFile,
+    name: str,
+    look: Callable[[SourceNames, str], _Found | None],
+    steps: int = MAX_BASE_CLASSES,
+) -> tuple[SourceFile, _Found] | None:
+    """Return what a name means, and the file that says it."""
+    if (found := look(file.names, name)) is not None:
+        return file, found
+    for level, module, own in file.names.imported_from(name) if steps else ():
+        imported = _read_module(file, level, module)
+        known = None if imported is None else _find(imported, own, look, steps - 1)
+        if known is not None:
+            return known
     return None
 
 
-def _imported(file: SourceFile, name: str) -> tuple[SourceFile, str] | None:
-    """Return the file from which a name is imported, and its name there."""
-    origin = file.names.imported_from(name)
-    path = None if origin is None or file.path is None else _module_file(file.path, *origin[:2])
+def find_module(file: SourceFile, given: ast.expr) -> SourceFile | None:
+    """Return the file of a module of the same package that an expression names."""
+    if full := file.names.full_name(given):
+        return _read_module(file, 0, full)
+    match given:
+        case ast.Name(id=name):
+            for level, module, own in file.names.imported_from(name):
+                return _read_module(file, level, f"{module}.{own}".strip("."))
+    return None
+
+
+def _read_module(file: SourceFile, level: int, module: str) -> SourceFile | None:
+    path = None if file.path is None else _module_file(file.path, level, module)
     tree = None if path is None else file.read(path)
-    if origin is None or tree is None:
-        return None
-    return source_file(tree, path, file.read), origin[2]
+    return None if tree is None else source_file(tree, path, file.read)
 
 
 def _module_file(importing: Path, level: int, module: str) -> Path | None:

@@ -10,8 +10,10 @@ as the ``main`` of an ordinary node, is a program of its own.
 from __future__ import annotations
 
 import ast
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from typing import Literal
 
 import msgspec
@@ -22,14 +24,16 @@ from r2bspec.safe_io.limits import MAX_BASE_CLASSES
 class SourceNames:
     """The names that a file binds, anywhere.
 
-    A name means what an import says only if nothing else in the file binds it.
+    A name means what an import says only if nothing else in the file binds it. What ``import *``
+    binds is known of ROS; of other modules it binds no name that the file binds, too.
     """
 
     def __init__(self, tree: ast.Module) -> None:
         self._tree = tree
         self._imported: dict[str, set[str]] = defaultdict(set)
+        self._import_lines: dict[str, int] = {}
         self._bound: dict[str, list[ast.AST]] = defaultdict(list)
-        self._has_star_import = False
+        self._stars: list[tuple[int, int, str]] = []
         self._origins: dict[str, set[tuple[int, str, str]]] = defaultdict(set)
         for node in ast.walk(tree):
             for name in bound_names(node):
@@ -43,44 +47,63 @@ class SourceNames:
                 first = alias.name.partition(".")[0]
                 self._imported[alias.asname or first].add(alias.name if alias.asname else first)
             elif alias.name == "*":
-                self._has_star_import = True
+                self._stars.append((node.lineno, node.level, node.module or ""))
             else:
                 module = "" if node.level or not node.module else node.module
                 name = alias.asname or alias.name
                 self._imported[name].add(f"{module}.{alias.name}")
                 self._origins[name].add((node.level, node.module or "", alias.name))
+            self._import_lines[alias.asname or alias.name.partition(".")[0]] = node.lineno
 
     @property
     def top_level(self) -> list[ast.stmt]:
         """The statements of the file."""
         return self._tree.body
 
+    def _is_hidden(self, name: str, line: int, full: str = "") -> bool:
+        """Return whether an ``import *`` after this line binds the name to something else."""
+        bound = (_star_binds(module, name) for at, _, module in self._stars if at > line)
+        return any(other and other != full for other in bound)
+
     def definition(self, name: str) -> ast.FunctionDef | ast.ClassDef | None:
         """Return the function or class at the top level, if nothing else binds its name."""
-        if name in self._imported or self._has_star_import:
+        if name in self._imported:
             return None
         match self._bound.get(name):
             case [ast.FunctionDef() | ast.ClassDef() as only] if only in self._tree.body:
-                return only
+                return None if self._is_hidden(name, only.lineno) else only
         return None
 
-    def imported_from(self, name: str) -> tuple[int, str, str] | None:
-        """Return level, module and name of the only ``from`` import that binds a name."""
-        if name in self._bound or self._has_star_import or len(self._imported.get(name, ())) != 1:
-            return None
+    def imported_from(self, name: str) -> list[tuple[int, str, str]]:
+        """Return level, module and name of the only ``from`` import that may bind a name.
+
+        Of a name that nothing else binds there is one for each ``import *`` of a module that is
+        not known, the last first.
+        """
+        if name in self._bound:
+            return []
+        if name not in self._imported:
+            stars = [(level, module, name) for _, level, module in reversed(self._stars)]
+            return [star for star in stars if _star_binds(star[1], name) is None]
         origins = self._origins.get(name, set())
-        return next(iter(origins)) if len(origins) == 1 else None
+        if not len(origins) == len(self._imported[name]) == 1:
+            return []
+        is_hidden = self._is_hidden(name, self._import_lines[name], *self._imported[name])
+        return [] if is_hidden else [*origins]
 
     def constant(self, name: str) -> ast.expr | None:
         """Return the value of a variable at the top level, if nothing else binds its name."""
-        if name in self._imported or self._has_star_import or len(self._bound.get(name, ())) != 1:
+        if name in self._imported or len(self._bound.get(name, ())) != 1:
             return None
         for statement in self._tree.body:
             match statement:
                 case ast.Assign(targets=[ast.Name(id=target)], value=value) if target == name:
-                    return value
+                    pass
                 case ast.AnnAssign(target=ast.Name(id=target), value=value) if target == name:
-                    return value
+                    pass
+                case _:
+                    continue
+            return None if self._is_hidden(name, statement.lineno) else value
         return None
 
     def full_name(self, node: ast.expr) -> str:
@@ -91,11 +114,43 @@ class SourceNames:
         if isinstance(node, ast.Attribute):
             above = self.full_name(node.value)
             return f"{above}.{node.attr}" if above else ""
-        if not isinstance(node, ast.Name) or node.id in self._bound or self._has_star_import:
+        if not isinstance(node, ast.Name) or node.id in self._bound:
             return ""
         imported = self._imported.get(node.id, set())
+        if not imported:
+            bound = (_star_binds(module, node.id) for _, _, module in reversed(self._stars))
+            return next(filter(None, bound), "")
         full = next(iter(imported)) if len(imported) == 1 else ""
-        return "" if full.startswith(".") else full
+        is_hidden = self._is_hidden(node.id, self._import_lines[node.id], full)
+        return "" if is_hidden or full.startswith(".") else full
+
+
+_OF_RCLPY = re.compile(
+    r"Node|LifecycleNode|Parameter|Duration|Time|Action(Client|Server)|(?i:qos)\w*"
+    r"|\w+(Policy|Executor|CallbackGroup)"
+)
+"""The names of rclpy that nodes use."""
+
+
+@lru_cache(maxsize=10_000)
+def _star_binds(module: str, name: str) -> str | None:
+    """Return the full name that ``from module import *`` gives a name.
+
+    Empty if it does not bind it, None if the module is not known.
+    """
+    if module.partition(".")[0] == "rclpy":
+        return f"{module}.{name}" if _OF_RCLPY.fullmatch(name) else ""
+    package, _, kind = module.partition(".")
+    if kind not in {"msg", "srv", "action"}:
+        return None
+    from r2bspec.bags.message_types import typestore
+
+    types = typestore().types
+    if not any(known.startswith(f"{package}/{kind}/") for known in types):
+        return f"{module}.{name}" if name[:1].isupper() else ""
+    own = f"{package}/{kind}/{name}"
+    is_known = any(f"{own}{end}" in types for end in ("", "_Request", "_Goal"))
+    return f"{module}.{name}" if is_known else ""
 
 
 def bound_names(node: ast.AST) -> Iterator[str]:
@@ -229,6 +284,29 @@ def returned_value(definition: ast.stmt) -> ast.expr | None:
         case [only]:
             return only.value
     return None
+
+
+def single_values(top: ast.AST, statements: Iterable[ast.AST] = ()) -> dict[str, ast.expr | None]:
+    """Return the only value that each variable gets, ``self.NAME`` too; None if there are others.
+
+    Args:
+        top: a method, or a class.
+        statements: of it that count; by default all.
+    """
+    values: dict[str, ast.expr | None] = {}
+    for node in statements or ast.walk(top):
+        match node:
+            case ast.Assign(
+                targets=[ast.Name() | ast.Attribute(value=ast.Name(id="self")) as target],
+                value=value,
+            ):
+                name = ast.unparse(target)
+                values[name] = None if name in values else value
+            case ast.AugAssign(target=ast.Name(id=name)) | ast.For(target=ast.Name(id=name)):
+                values[name] = None
+            case ast.arg(arg=name):
+                values[name] = None
+    return values
 
 
 def _is_exit_status(value: ast.expr | None) -> bool:

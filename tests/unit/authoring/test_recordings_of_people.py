@@ -13,6 +13,7 @@ import yaml
 
 from data_bags import START_NS, write_mcap
 from r2bspec.authoring.sources import InitSources, spec_from_sources
+from r2bspec.bags import recorded_times
 from r2bspec.check import check
 from r2bspec.cli.main import main
 from r2bspec.errors import UsageError
@@ -28,54 +29,11 @@ from recorded_inputs import (
     TWIST,
     Recorded,
     S,
+    node,
     offered,
     record,
     series,
 )
-
-_HEAD = """
-import rclpy
-from nav_msgs.msg import OccupancyGrid
-from geometry_msgs.msg import Twist
-from rclpy.duration import Duration
-from rclpy.node import Node
-from rclpy.qos import QoSProfile, QoSDurabilityPolicy, ReliabilityPolicy, qos_profile_sensor_data
-from sensor_msgs.msg import Image, Imu, LaserScan, PointCloud2
-
-from profiles import IMPORTED, make_profile
-
-LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-
-
-class Tested(Node):
-    def __init__(self):
-        super().__init__("tested")
-        self.output = self.create_publisher(LaserScan, "output", 10)
-"""
-_TAIL = """
-    def own_profile(self):
-        return QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-
-    def keep(self, message):
-        self.kept = message
-
-    def answer(self, message):
-        self.send(message)
-
-    def send(self, message):
-        self.output.publish(message)
-"""
-_CLASSES = {SCAN: "LaserScan", IMAGE: "Image", IMU: "Imu", MAP: "OccupancyGrid", TWIST: "Twist"}
-_CLASSES[POINTS] = "PointCloud2"
-
-
-def node(*subscriptions: tuple[str, str, str, str], before: str = "") -> str:
-    """The source of a node with subscriptions: topic, type, callback, QoS."""
-    made = "".join(
-        f"        self.create_subscription({_CLASSES[kind]}, '{topic}', self.{callback}, {qos})\n"
-        for topic, kind, callback, qos in subscriptions
-    )
-    return _HEAD + before + made + _TAIL
 
 
 class First(NamedTuple):
@@ -112,6 +70,7 @@ def found(folder: Path, text: str) -> tuple[list[tuple[str, str]], str]:
     )
 
 
+SCANS = series("/scan", SCAN, 40, 10)
 _SCAN_NODE = (("scan", SCAN, "answer", "10"),)
 _FUSION = (("image", IMAGE, "keep", "10"), ("scan", SCAN, "answer", "10"))
 _CLOCK = ("R2B327", "info")
@@ -124,6 +83,14 @@ TWO_CAMERAS = [
 """Two cameras without a common trigger, and a lidar."""
 
 
+def squeezed(rows: list[Recorded], factor: float) -> list[Recorded]:
+    """Return messages that were recorded an hour later, in less time."""
+    later_ns = START_NS + 3600 * S
+    return [
+        row._replace(time_ns=later_ns + round((row.time_ns - START_NS) * factor)) for row in rows
+    ]
+
+
 class Case(NamedTuple):
     rows: list[Recorded]
     subscriptions: tuple[tuple[str, str, str, str], ...]
@@ -134,15 +101,12 @@ class Case(NamedTuple):
 
 
 CASES: dict[str, Case] = {
-    "stamps never set": Case(
-        series("/scan", SCAN, 40, 10, stamp=lambda _: 0), _SCAN_NODE, {"scan": {}}, (_CLOCK,)
-    ),
     "stamps of both inputs never set": Case(
         series("/scan", SCAN, 40, 10, stamp=lambda _: 0)
         + series("/image", IMAGE, 40, 10, stamp=lambda _: 0, late_ns=7 * MS),
         _FUSION,
         {"scan": {}, "image": {}},
-        (_CLOCK, _CLOCK),
+        (_CLOCK,),
     ),
     "stamps of one input never set": Case(
         series("/scan", SCAN, 40, 10)
@@ -203,12 +167,6 @@ CASES: dict[str, Case] = {
         {"left/image": {}, "right/image": {"pairing": {"slop": "3 ms"}}},
         rate="30 Hz",
     ),
-    "a map and scans": Case(
-        series("/map", MAP, 1, 10, start_ns=START_NS - 1000) + series("/scan", SCAN, 40, 10),
-        (("map", MAP, "keep", "LATCHED"), *_SCAN_NODE),
-        {"map": {"rate": "once"}, "scan": {}},
-        profiles={"/map": offered(durability="TRANSIENT_LOCAL")},
-    ),
     "maps before the scans": Case(
         series("/map", MAP, 2, 1, start_ns=START_NS - 2 * S) + series("/scan", SCAN, 12, 10),
         (("map", MAP, "keep", "LATCHED"), *_SCAN_NODE),
@@ -220,11 +178,6 @@ CASES: dict[str, Case] = {
         (("map", MAP, "keep", "10"), *_SCAN_NODE),
         {"map": {"rate": "once"}, "scan": {}},
     ),
-    "a recorder that was started before its clock": Case(
-        series("/scan", SCAN, 5, 1e9, start_ns=1) + series("/scan", SCAN, 30, 10),
-        _SCAN_NODE,
-        {"scan": {}},
-    ),
     "a pause": Case(
         series("/scan", SCAN, 80, 10) + series("/scan", SCAN, 80, 10, start_ns=START_NS + 9 * S),
         _SCAN_NODE,
@@ -235,6 +188,20 @@ CASES: dict[str, Case] = {
         _SCAN_NODE,
         {"scan": {}},
         profiles={"/scan": offered("SYSTEM_DEFAULT", "UNKNOWN")},
+    ),
+    "a converter that wrote its own times": Case(
+        squeezed(series("/scan", SCAN, 100, 10) + series("/image", IMAGE, 300, 30), 0.01),
+        _FUSION,
+        {"scan": {}, "image": {"rate": "recorded"}},
+        (_CLOCK,),
+    ),
+    "a recorder that writes twice a second": Case(
+        [
+            row._replace(time_ns=row.time_ns // (500 * MS) * 500 * MS + number)
+            for number, row in enumerate(series("/scan", SCAN, 40, 10))
+        ],
+        _SCAN_NODE,
+        {"scan": {}},
     ),
     "commands without a header": Case(
         series("/scan", SCAN, 40, 10) + series("/cmd_vel", TWIST, 80, 20),
@@ -252,18 +219,6 @@ CASES: dict[str, Case] = {
         (("scan", SCAN, "answer", "LATCHED"),),
         {"scan": {"qos": {"durability": "transient_local"}}},
         profiles={"/scan": offered("BEST_EFFORT", "TRANSIENT_LOCAL")},
-    ),
-    "a deadline": Case(
-        series("/scan", SCAN, 40, 10),
-        (("scan", SCAN, "answer", "QoSProfile(depth=1, deadline=Duration(seconds=0.2))"),),
-        {"scan": {"qos": {"deadline": "200 ms"}}},
-    ),
-    "a simulated clock": Case(
-        series("/scan", SCAN, 40, 10, stamp=lambda time_ns: time_ns - START_NS + 12_300 * MS)
-        + series("/clock", CLOCK, 400, 100, stamp=lambda time_ns: time_ns - START_NS),
-        _SCAN_NODE,
-        {"scan": {}},
-        (_CLOCK,),
     ),
 }
 
@@ -283,7 +238,7 @@ def test_a_first_spec_plays_a_recording_as_it_is(
 
 @pytest.mark.parametrize("encoding", ["json", "ros1"])
 def test_a_topic_that_is_not_cdr_is_not_loaded(tmp_path: Path, encoding: str) -> None:
-    rows = [(row.topic, row.time_ns - START_NS, row.data) for row in CASES["a deadline"].rows]
+    rows = [(row.topic, row.time_ns - START_NS, row.data) for row in SCANS]
     write_mcap(tmp_path / "bag.mcap", rows, encoding=encoding, kind=SCAN)
     first = first_spec(tmp_path, node(*_SCAN_NODE), "./bag.mcap")
     assert f"the recording has /scan as {encoding}, which cannot be played" in first.text
@@ -296,7 +251,7 @@ def test_a_topic_that_is_not_cdr_is_not_loaded(tmp_path: Path, encoding: str) ->
 
 
 def test_a_recording_without_types_is_played_as_what_the_node_reads(tmp_path: Path) -> None:
-    rows = [(row.topic, row.time_ns - START_NS, row.data) for row in CASES["a deadline"].rows]
+    rows = [(row.topic, row.time_ns - START_NS, row.data) for row in SCANS]
     write_mcap(tmp_path / "bag.mcap", rows, kind="")
     first = first_spec(tmp_path, node(*_SCAN_NODE), "./bag.mcap")
     assert (first.inputs, first.findings) == ({"scan": {}}, [])
@@ -338,15 +293,6 @@ def test_a_map_is_played_from_before_the_window(tmp_path: Path) -> None:
     assert "'rate: once'" in messages
 
 
-def test_an_input_with_one_message_is_no_input_of_steps(tmp_path: Path) -> None:
-    rows = series("/map", MAP, 1, 10, start_ns=START_NS - 1000) + series("/scan", SCAN, 40, 10)
-    record(tmp_path / "bag", rows)
-    first = first_spec(tmp_path, node(("map", MAP, "keep", "10"), *_SCAN_NODE))
-    findings, messages = found(tmp_path, first.text.replace(", rate: once", ""))
-    assert ("R2B415", "error") in findings
-    assert "write 'rate: once' for map" in messages
-
-
 def test_a_timeline_whose_steps_never_have_all_inputs_is_refused(tmp_path: Path) -> None:
     record(tmp_path / "bag", CASES["a camera and an IMU"].rows[1:])
     first = first_spec(tmp_path, node(*CASES["a camera and an IMU"].subscriptions))
@@ -375,10 +321,16 @@ def test_a_timeline_whose_steps_never_have_all_inputs_is_refused(tmp_path: Path)
         ("", "IMPORTED"),
         ("", "make_profile()"),
         ("", "self.own_profile()"),
+        ("", "profiles.IMPORTED"),
+        ("", "profiles.Profiles.LATCHED"),
+        ("", "profiles.BY_NAME['map']"),
+        ("", "made(durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)"),
+        ("", "STARRED"),
     ],
     ids=[
         *("inline", "constant", "variable", "attribute, changed"),
-        *("constant of another file", "function", "method"),
+        *("constant of another file", "function", "method", "constant of a module"),
+        *("constant of a class", "dict", "function with arguments", "star import"),
     ],
 )
 def test_a_profile_in_the_source_is_compared_with_what_is_played(
@@ -389,7 +341,14 @@ def test_a_profile_in_the_source_is_compared_with_what_is_played(
         "from rclpy.qos import DurabilityPolicy, QoSProfile\n"
         "IMPORTED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)\n"
         "def make_profile():\n    return IMPORTED\n"
+        "class Profiles:\n    LATCHED = IMPORTED\n"
+        "BY_NAME = {'image': 10, 'map': Profiles.LATCHED}\n"
+        "def made(depth=1, *, durability):\n"
+        "    profile = QoSProfile(depth=depth)\n"
+        "    profile.durability = durability\n"
+        "    return profile\n"
     )
+    (tmp_path / "starred.py").write_text("from profiles import IMPORTED\nSTARRED = IMPORTED\n")
     first = first_spec(tmp_path, node(("scan", SCAN, "answer", argument), before=before))
     assert first.findings == []
     lines = first.text.splitlines()
@@ -420,15 +379,6 @@ def test_clock_has_one_publisher_of_the_time_of_the_stamps(tmp_path: Path, edit:
 @pytest.mark.parametrize(
     ("rows", "line"),
     [
-        (CASES["stamps never set"].rows, "/scan was never stamped: all of its 40 stamps are 0."),
-        (
-            CASES["two machines"].rows,
-            "/image has stamps that are 4.993 s ahead of the times of recording.",
-        ),
-        (
-            CASES["a simulated clock"].rows,
-            "/scan is stamped by a simulated clock, from 12.3 s.",
-        ),
         (
             series("/scan", SCAN, 9, 10, start_ns=12_300 * MS),
             "/scan is stamped and recorded by a simulated clock, from 12.3 s.",
@@ -438,8 +388,12 @@ def test_clock_has_one_publisher_of_the_time_of_the_stamps(tmp_path: Path, edit:
             + series("/scan", SCAN, 9, 10, start_ns=START_NS + S),
             "/scan was not always stamped: 2 of 11 stamps are 0.",
         ),
+        (
+            squeezed(series("/scan", SCAN, 100, 10), 0),
+            "/scan was recorded in 0 s, and stamped over 9.9 s.",
+        ),
     ],
-    ids=["unset", "offset", "simulated", "simulated and recorded", "unset at first"],
+    ids=["simulated and recorded", "unset at first", "at once"],
 )
 def test_data_info_says_which_clock_stamps_are_of(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], rows: list[Recorded], line: str
@@ -447,3 +401,50 @@ def test_data_info_says_which_clock_stamps_are_of(
     bag = record(tmp_path / "bag", rows)
     main(["data", "info", str(bag)])
     assert line in capsys.readouterr().out
+
+
+def test_a_profile_that_is_not_read_is_said_to_be_unknown(tmp_path: Path) -> None:
+    record(tmp_path / "bag", SCANS)
+    first = first_spec(tmp_path, node(("scan", SCAN, "answer", "profiles.any_of(1)[0]")))
+    assert "- which quality of service tested requests of scan: line " in first.text
+    assert first.findings == []
+
+
+@pytest.mark.parametrize("at_s", [15, 29.9])
+def test_a_map_of_a_later_time_is_in_the_window(tmp_path: Path, at_s: float) -> None:
+    maps = series("/map", MAP, 1, 1, start_ns=START_NS + round(at_s * S))
+    record(tmp_path / "bag", series("/scan", SCAN, 300, 10) + maps)
+    first = first_spec(tmp_path, node(("map", MAP, "keep", "LATCHED"), *_SCAN_NODE))
+    assert (first.inputs["map"], first.findings) == ({"rate": "once"}, [])
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_of_a_large_recording_gaps_and_the_first_stamps_are_known(
+    tmp_path: Path, storage: Literal["sqlite3", "mcap"], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorded_times, "MAX_STAMPS_BYTES", 1_000)
+    monkeypatch.setattr(recorded_times, "_SAMPLE_BYTES", 500)
+    early = series("/scan", SCAN, 15, 10, start_ns=1, stamp=lambda _: 0)
+    record(tmp_path / "bag", early + series("/scan", SCAN, 40, 10), storage=storage)
+    first = first_spec(tmp_path, node(*_SCAN_NODE))
+    assert "window: {start: 1699999999.999 s}" in first.text
+    whole = re.sub(r"  # Most of.*\n  window: .*\n", "", first.text)
+    findings, messages = found(tmp_path, whole)
+    assert findings == [("R2B324", "warning"), _CLOCK]
+    assert re.search(r"'scan' was never stamped: its first \d+ stamps are 0", messages)
+
+
+def test_several_recordings_are_looked_at_together(tmp_path: Path) -> None:
+    case = CASES["two machines"]
+    record(tmp_path / "bag", case.rows)
+    early = series("/scan", SCAN, 5, 1e9, start_ns=1)
+    record(tmp_path / "scans", early + [row for row in case.rows if row.topic == "/scan"])
+    record(tmp_path / "images", [row for row in case.rows if row.topic == "/image"])
+    text = first_spec(tmp_path, node(*case.subscriptions)).text
+    text = text.replace("  bag: ./bag", "  bags: [./scans, ./images]")
+    text = text.replace(", clock_ahead: 5 s", "")
+    assert ("R2B324", "warning") in found(tmp_path, text)[0]
+    text = text.replace("  topics:", "  window: {start: 1699999999.999 s}\n  topics:", 1)
+    findings, messages = found(tmp_path, text)
+    assert findings == [("R2B415", "error")]
+    assert "write 'clock_ahead: 5 s'" in messages

@@ -136,6 +136,30 @@ def test_names_the_files_that_metadata_does_not_name(bag: Path, named: str) -> N
     assert "write metadata.yaml anew for bag.db3" in error.hint
 
 
+def test_files_may_lie_in_a_folder_that_metadata_names(bag: Path) -> None:
+    into_folder(bag)
+    edit_metadata(bag, "bag.db3", "data/bag.db3")
+    assert (index_bag(bag).files, verify(bag)) == (("data/bag.db3",), [])
+
+
+def test_files_that_were_moved_into_a_folder_are_named(bag: Path) -> None:
+    into_folder(bag)
+    assert refusal(bag).hint == f"move the files of {bag / 'data'} to {bag}"
+    (bag / "metadata.yaml").unlink()
+    assert refusal(bag).hint == "name a bag in it: data"
+
+
+@pytest.mark.parametrize("name", ["/bag.db3", "../bag.db3", "bag/bag.db3"])
+def test_files_outside_of_the_folder_are_those_inside(bag: Path, name: str) -> None:
+    edit_metadata(bag, "bag.db3", name)
+    assert index_bag(bag).files == ("bag.db3",)
+
+
+def into_folder(bag: Path) -> None:
+    (bag / "data").mkdir()
+    storage_file(bag).rename(bag / "data" / "bag.db3")
+
+
 def test_another_file_beside_those_of_metadata_is_said(
     bag: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -33,6 +33,7 @@ def make(**kwargs):
     node = Node("any", **kwargs)
     for name in ("image",):
         node.create_subscription(Image, name, print, 10)
+        node.create_publisher(Image, f"{name}_out", 10)
     return node
 """
 
