@@ -176,7 +176,7 @@ def read_source(
     if tree is None:
         return unknown_interface(f"{place} cannot be read as Python"), None
     try:
-        read = partial(read_python_file, folder=folder, budget=budget)
+        read = cache(partial(read_python_file, folder=folder, budget=budget))
         return read_node_class(tree, python.name, path, read), read_node_start(tree, python.name)
     except RecursionError:
         return unknown_interface("its source is nested too deeply"), None

@@ -130,6 +130,7 @@ class Definition(NamedTuple):
     node: ast.ClassDef | ast.FunctionDef
 
 
+@lru_cache(maxsize=32)
 def source_file(
     tree: ast.Module, path: Path | None = None, read: ReadSource = lambda _: None
 ) -> SourceFile:
