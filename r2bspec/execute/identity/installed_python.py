@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -18,6 +19,9 @@ from typing import Final
 from r2bspec.plan.installed_packages import package_version
 
 _SITES: Final = ("site-packages", "dist-packages")
+_FIRST_NAME: Final = re.compile(r"^[^,/.\n]+", re.MULTILINE)
+"""The module, package or folder of a line of RECORD or ``top_level.txt``."""
+
 _SYSTEM: Final = tuple({"/usr/", "/opt/ros/", f"{sys.prefix}/", f"{sys.base_prefix}/"})
 
 
@@ -44,23 +48,27 @@ def installed_version(file: Path) -> dict[str, str]:
         return {}
     folder = str(Path(*parts[: place + 1]))
     owner = _owners(folder).get(parts[place + 1].partition(".")[0])
-    return dict([owner]) if owner is not None else {}
+    return dict([_name_and_version(owner)]) if owner is not None else {}
 
 
 @cache
-def _owners(folder: str) -> Mapping[str, tuple[str, str]]:
-    """Name and version of a distribution, by each module, package or folder that it has."""
-    owners = {}
+def _name_and_version(owner: importlib.metadata.Distribution) -> tuple[str, str]:
+    # Each look at the name or version of a distribution parses its metadata again.
+    metadata = owner.metadata
+    return metadata["Name"].replace("_", "-"), metadata["Version"]
+
+
+@cache
+def _owners(folder: str) -> Mapping[str, importlib.metadata.Distribution]:
+    """Return the distribution of each module, package or folder."""
+    owners: dict[str, importlib.metadata.Distribution] = {}
     for found in importlib.metadata.distributions(path=[folder]):
         record = found.read_text("RECORD")
         from_folder = '"file://' in (found.read_text("direct_url.json") or "")
         if from_folder or (record is None and not folder.startswith(_SYSTEM)):
             continue
         listed = record or found.read_text("top_level.txt") or ""
-        # Each look at the name or version of a distribution parses its metadata again.
-        owner = found.name.replace("_", "-"), found.version
-        for line in listed.splitlines():
-            owners[line.partition(",")[0].partition("/")[0].partition(".")[0]] = owner
+        owners |= dict.fromkeys(_FIRST_NAME.findall(listed), found)
     return owners
 
 
