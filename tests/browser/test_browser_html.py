@@ -63,6 +63,9 @@ def report_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         run = simulation.write(tmp_path_factory.mktemp(name) / "run")
         reported = ReportInput(result=result_of(run), run=run)
         (folder / f"{name}.html").write_bytes(render(reported))
+    results = tmp_path_factory.mktemp("history") / "results"
+    write_history(results, some_result(results.parent / "run"), noisy(40, {25: 1.12}))
+    (folder / "trend.html").write_bytes(render_trend("html", *read_histories([results])))
     return folder
 
 
@@ -161,11 +164,8 @@ def test_hostile_words_run_nothing(browser: Chromium, server: Server) -> None:
 
 @pytest.mark.parametrize("width", [390, 1280])
 def test_pointing_at_a_value_of_a_history_says_its_commit(
-    browser: Chromium, server: Server, folder: Path, tmp_path: Path, width: int
+    browser: Chromium, server: Server, width: int
 ) -> None:
-    write_history(tmp_path / "results", some_result(tmp_path / "run"), noisy(40, {25: 1.12}))
-    histories, left_out = read_histories([tmp_path / "results"])
-    (folder / "trend.html").write_bytes(render_trend("html", histories, left_out))
     with browser.page(address(server, "trend"), width=width) as page:
         assert page.console() == []
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")

@@ -155,6 +155,7 @@ def test_a_run_that_is_interrupted_keeps_what_it_has(bench: Bench, number: signa
     assert [process.exit_code for process in done.run().record.processes] == [0, 0, 0, 0]
 
 
+@only_nightly()
 def test_a_run_can_be_interrupted_while_its_graph_comes_up(bench: Bench) -> None:
     with bench.start(graph_of("Slow")) as running:
         wait_until_said(running, "relay", "starting")

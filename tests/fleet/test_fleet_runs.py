@@ -20,8 +20,8 @@ from ros_runs import Bench
 
 pytestmark = pytest.mark.timeout(HANG_S)
 
-HOSTS = ("a", "b", "c")
-RUNS = size(4, 6)
+HOSTS = ("a", "b", "c")[: size(2, 3)]
+RUNS = size(3, 6)
 PLAYED = (0, 4)
 """The exit status of runs that pass, or are invalid as the machine was late."""
 

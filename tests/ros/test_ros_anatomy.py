@@ -83,9 +83,9 @@ def test_one_more_iteration_observes_all_nodes_where_the_others_observe_one(benc
 
 
 @pytest.mark.parametrize("placement", [pytest.param("separate", marks=only_nightly()), "graph"])
-def test_a_node_s_part_is_required(bench: Bench, placement: str) -> None:
+def test_a_node_s_part_is_required_in_every_start(bench: Bench, placement: str) -> None:
     spec = chain(harness={"placement": placement})
-    spec["benchmark"] |= {"anatomy": True, "iterations": 2}
+    spec["benchmark"] |= {"anatomy": True, "iterations": 3, "starts": 3}
     spec["benchmark"]["gate"] = {"confirm": False, "interference": "tolerate"}
     requirements = [
         f"second.callback.max >= {SECOND_MS:g} ms",
@@ -104,8 +104,11 @@ def test_a_node_s_part_is_required(bench: Bench, placement: str) -> None:
     assert broken["estimate"] >= FIRST_MS / 1e3
     assert 0 < share["estimate"] < 1
     assert overtaken["estimate"] == 0
+    assert [record.start for record in done.run().record.anatomies] == [1, 2, 3]
     for segment in done.segments():
         assert_parts_are_the_latency(done, segment)
+    # The events of a start leave the memory to the next.
+    assert not list(Path("/dev/shm").glob("r2bspec-anatomy-*"))  # noqa: S108 - looked at only
     # What was stored is judged as what was seen.
     before = (done.folder / "result.json").read_bytes()
     bench.judge(done.folder)
@@ -136,6 +139,7 @@ class Answers(Node):
 """
 
 
+@only_nightly()
 def test_a_path_leads_through_a_service_that_a_node_awaits(bench: Bench) -> None:
     bench.write_node("asking.py", ASKING)
     names = {"asks": "Asks", "answers": "Answers"}
@@ -222,14 +226,3 @@ def test_the_parts_of_a_result_begin_with_its_goal(
         inside = [part for part in inside if part.name == "callback"]
     spent = np.sum([np.nan_to_num(part.seconds) for part in inside], axis=0)
     assert np.median(spent) >= EXECUTION_S
-
-
-def test_the_events_of_a_start_leave_the_memory_to_the_next(bench: Bench) -> None:
-    spec = chain()
-    spec["benchmark"] |= {"anatomy": True, "iterations": 3, "starts": 3}
-    done = bench.run(spec)
-    done.assert_complete()
-    assert [record.start for record in done.run().record.anatomies] == [1, 2, 3]
-    for segment in done.segments():
-        assert_parts_are_the_latency(done, segment)
-    assert not list(Path("/dev/shm").glob("r2bspec-anatomy-*"))  # noqa: S108 - looked at only

@@ -224,6 +224,7 @@ def test_of_an_action_acceptance_feedback_and_success_are_measured(bench: Bench)
     assert rows["it_feedback"].size > len(first["it_feedback"])
 
 
+@only_nightly()
 def test_a_service_that_nobody_offers_is_named(bench: Bench) -> None:
     spec = calls_spec("Planner", {"service": {**SLOW, "name": "other"}})
     spec["benchmark"]["start_timeout"] = "3 s"

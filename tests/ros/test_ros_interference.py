@@ -166,6 +166,7 @@ SERVICE = {"name": "nobody", "type": "rcl_interfaces/srv/GetParameters", "reques
             "R2B648",
             ("setup.bad exited with status 3", "why"),
             id="a setup step fails",
+            marks=only_nightly(),
         ),
         pytest.param(
             {"setup": {"idle": {"command": ["true"], "creates": "never"}}},

@@ -141,6 +141,7 @@ def test_a_transition_that_fails_is_named_with_its_cause(
     assert "there is no camera" in done.error or fails != "refuses"
 
 
+@only_nightly()
 def test_a_process_that_ends_meanwhile_is_named_and_nobody_waits_for_its_answer(chain: Any) -> None:
     done = chain(lifecycle="active", late={"parameters": {"fails": "dies"}})
     assert done.status == 4
@@ -197,7 +198,8 @@ except (KeyboardInterrupt, ExternalShutdownException):
 """
 
 
-@pytest.mark.parametrize("fails", [pytest.param(False, marks=only_nightly()), True])
+@only_nightly()
+@pytest.mark.parametrize("fails", [False, True])
 def test_an_executable_is_brought_up_by_the_services_that_it_has(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, fails: bool
 ) -> None:

@@ -72,9 +72,12 @@ def spec(trick: str, at: int) -> dict[str, Any]:
             "a callback of /r2b/relay raised RuntimeError: lost the plot (nodes.py:",
             "R2B634",
         ),
-        ("exits", "process relay exited with status 9", "R2B631"),
-        pytest.param(
-            "crashes", "process relay was killed by SIGABRT", "R2B631", marks=only_nightly()
+        *(
+            pytest.param(trick, f"process relay {words}", "R2B631", marks=only_nightly())
+            for trick, words in (
+                ("exits", "exited with status 9"),
+                ("crashes", "was killed by SIGABRT"),
+            )
         ),
     ],
 )

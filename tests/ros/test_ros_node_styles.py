@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from nightly import only_nightly
 from node_styles import write_workspace
 from ros_runs import IMAGE, Bench, Finished, quick_input, relay_spec
 
@@ -132,6 +133,7 @@ def main():
 """
 
 
+@only_nightly()
 def test_a_program_that_fails_says_why(workspace: Bench) -> None:
     workspace.write_node("failing.py", FAILING)
     nodes = {"relay": {"python": "./failing.py:main"}}

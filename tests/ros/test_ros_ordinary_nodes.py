@@ -139,6 +139,7 @@ def test_nodes_without_keyword_arguments_run_as_they_are(bench: Bench, placement
         done.assert_counts(20, monitor)
 
 
+@only_nightly()
 def test_a_constructor_that_swallows_its_arguments_is_named(bench: Bench) -> None:
     spec = chain("separate")
     del spec["monitors"]["timed"]

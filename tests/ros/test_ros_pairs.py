@@ -19,6 +19,10 @@ from r2bspec.record.comparison_folder import open_comparison
 from ros_runs import Bench, Finished, relay_node, relay_spec
 from ros_runs import bench as bench
 
+# The order of pairs is tested with simulated runs (tests/unit/compare), real turns in
+# test_ros_turns.py.
+pytestmark = only_nightly()
+
 # The base waits for six times as long: nothing fails, so that nothing is played again for that.
 RELAY = relay_node()
 RELAY["parameters"] |= {"service_time_ms": "$(var ms)"}
@@ -76,7 +80,6 @@ def test_the_verdict_says_what_it_rests_on(compared: Finished) -> None:
     assert "service_time_ms: 30.0 -> 5.0" in compared.words
 
 
-@only_nightly()
 def test_an_interrupted_comparison_keeps_its_pairs(bench: Bench) -> None:
     with bench.start(SPEC, "--control", "--pairs", "5", verb="compare") as running:
         # A coin decides which side is first.
@@ -94,7 +97,6 @@ def test_an_interrupted_comparison_keeps_its_pairs(bench: Bench) -> None:
     assert kept["status"] == "complete"
 
 
-@only_nightly()
 def test_a_head_that_dies_never_passes(bench: Bench) -> None:
     bench.write_node("dying.py", DYING)
     spec = SPEC | {"graph": {"nodes": {"relay": {"python": "./dying.py:Dying"}}}}

@@ -37,6 +37,7 @@ def checkout_with_a_bag(tmp_path: Path) -> Workplace:
     return place
 
 
+@only_nightly()
 def test_a_run_that_passes_passes(place: Workplace) -> None:
     done = place.action(sys.executable, "kept.r2b.yaml")
     if done.outputs["outcome"] == "invalid":

@@ -61,6 +61,7 @@ def test_processor_time_of_the_harness_is_counted_once(beside: Finished) -> None
     assert not {"player", "monitor", "relay"} & used
 
 
+@only_nightly()
 def test_player_and_monitor_share_a_process_apart_from_the_graph(bench: Bench) -> None:
     done = bench.run(relay_spec(harness=IN_ONE))
     done.assert_complete()

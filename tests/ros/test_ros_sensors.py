@@ -127,6 +127,7 @@ def equal_stamps(steps: str) -> dict[str, Any]:
     return wanted
 
 
+@only_nightly()
 def test_an_input_with_its_own_rate_keeps_the_stamps_that_are_those_of_steps(bench: Bench) -> None:
     done = bench.run(equal_stamps("/slow"))
     done.assert_complete()
@@ -135,6 +136,7 @@ def test_an_input_with_its_own_rate_keeps_the_stamps_that_are_those_of_steps(ben
     assert any("/r2b/left: 10 messages between the 5 steps" in event for event in done.events())
 
 
+@only_nightly()
 def test_a_node_that_gets_no_equal_stamps_is_told_so_before_patience_ends(bench: Bench) -> None:
     wanted = equal_stamps("/right")
     wanted["benchmark"]["start_timeout"] = "100 s"

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from machine_load import skip_for_load
-from nightly import only_nightly
+from nightly import only_nightly, size
 from r2bspec.errors import ExitStatus
 
 pytest.importorskip("rclpy")
@@ -198,7 +198,7 @@ def test_a_node_that_exits_in_a_later_start_leaves_what_was_measured(bench: Benc
 def run_that_fails(bench: Bench, name: str, **gate: Any) -> Finished:
     """A run whose only requirement cannot be met, on a machine that keeps the schedule."""
     for attempt in range(3):
-        used = spec(f"{name}{attempt}.txt", iterations=6, starts=3)
+        used = spec(f"{name}{attempt}.txt", iterations=2 * STARTS, starts=STARTS)
         used["benchmark"]["gate"] |= gate
         used["slos"] = {"impossible": {"at": "20 Hz", "require": ["latency.max < 1 us"]}}
         done = bench.run(used)
@@ -207,21 +207,24 @@ def run_that_fails(bench: Bench, name: str, **gate: Any) -> Finished:
     return skip_for_load("play 20 messages a second on time")
 
 
+STARTS = size(1, 3)
+
+
 def test_a_failure_is_confirmed_by_as_many_fresh_starts(bench: Bench) -> None:
     done = run_that_fails(bench, "confirm")
-    starts = [1, 1, 2, 2, 3, 3]
+    starts = [start for start in range(1, STARTS + 1) for _ in range(2)]
     assert starts_of(done, "iteration") == [
         (f"rate-20Hz-{number:03d}", start) for number, start in enumerate(starts, start=1)
     ]
     assert starts_of(done, "confirmation") == [
-        (f"confirm-rate-20Hz-{number:03d}", 3 + start)
+        (f"confirm-rate-20Hz-{number:03d}", STARTS + start)
         for number, start in enumerate(starts, start=1)
     ]
     record = done.run().record
-    assert [start.confirms for start in record.starts] == 3 * [False] + 3 * [True]
+    assert [start.confirms for start in record.starts] == STARTS * [False] + STARTS * [True]
     # The harness of the confirmation is compared with that of the run, once.
     assert done.events().count("phase harness_overhead") == 2
-    assert len(set(pids(done, "relay"))) == 6
+    assert len(set(pids(done, "relay"))) == 2 * STARTS
     assert all(process.exit_code is not None for process in record.processes)
     # A disturbance may make the fresh batch unusable; then it says so, and nothing fails.
     assert done.outcome in {"fail", "inconclusive"}

@@ -175,11 +175,12 @@ def test_answers_that_come_after_the_drain_timeout_are_counted_as_late(given_up:
 # What is impossible
 
 
+@only_nightly()
 @pytest.mark.parametrize(
     ("kind", "reason"),
     [
         ("DropsAndDoubles", "were received before their input was published, which is impossible"),
-        pytest.param("Doubles", f"its ratio allows {STEPS}", marks=only_nightly()),
+        ("Doubles", f"its ratio allows {STEPS}"),
     ],
 )
 def test_by_order_a_node_that_drops_half_and_doubles_the_rest_is_invalid(
@@ -232,6 +233,7 @@ def test_a_stereo_pair_without_equal_stamps_is_refused(stereo: Bench) -> None:
         assert way in " ".join(done.stderr.split())
 
 
+@only_nightly()
 def test_a_spec_that_agrees_runs_and_every_report_says_what_was_not_played(stereo: Bench) -> None:
     names = ("markdown", "html", "junit", "github")
     reports = [f"--report={name}={stereo.folder}/report.{name}" for name in names]

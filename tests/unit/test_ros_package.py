@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from nightly import sampled
 from page_blocks import page_file
 from r2bspec._version import __version__
 from r2bspec.cli.run import command as run_command
@@ -198,12 +199,15 @@ def test_a_spec_is_a_test_of_ament(cmake: CMake) -> None:
 
 @pytest.mark.parametrize(
     ("line", "said"),
-    [
-        ("ament_add_r2bspec_test(bench/none.r2b.yaml)", "bench/none.r2b.yaml' does not exist"),
-        ("ament_add_r2bspec_test(bench EVERY)", "unused arguments: EVERY"),
-        ("ament_add_r2bspec_test(bench INCONCLUSIVE pass)", "is fail or skip, not 'pass'"),
-    ],
-    ids=["spec", "argument", "inconclusive"],
+    sampled(
+        [
+            ("ament_add_r2bspec_test(bench/none.r2b.yaml)", "bench/none.r2b.yaml' does not exist"),
+            ("ament_add_r2bspec_test(bench EVERY)", "unused arguments: EVERY"),
+            ("ament_add_r2bspec_test(bench INCONCLUSIVE pass)", "is fail or skip, not 'pass'"),
+        ],
+        3,
+    ),
+    ids=repr,
 )
 def test_a_mistake_ends_the_configuration(cmake: CMake, line: str, said: str) -> None:
     done = cmake.configure(line)

@@ -21,7 +21,7 @@ from r2bspec.bags.integrity import hash_files, verify
 from r2bspec.bags.recording import DataError
 
 MESSAGES = chatter(12)
-CHANGES = 80
+CHANGES = size(40, 80)
 CODES = {f"R2B{number}" for number in (301, 302, 303, 304, 305, 306, 310, 313)}
 
 Made = tuple[Path, Path]
@@ -97,7 +97,7 @@ def outcome(bag: Path) -> list[tuple[str, int, bytes]] | None:
 
 def places(length: int) -> Iterator[int]:
     """Where to cut: every byte of both ends, and a dense sample of what is between."""
-    ends, between = size(50, 150), size(40, 100)
+    ends, between = size(25, 150), size(20, 100)
     yield from range(min(ends, length))
     yield from range(ends, length - ends, max(1, (length - 2 * ends) // between) | 1)
     yield from range(max(ends, length - ends), length)

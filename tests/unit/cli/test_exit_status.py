@@ -50,7 +50,7 @@ ERRORS = [
 
 
 @pytest.mark.parametrize(
-    "error", sampled(ERRORS, 4), ids=lambda error: f"{type(error).__name__}-{error.code}"
+    "error", sampled(ERRORS, 8), ids=lambda error: f"{type(error).__name__}-{error.code}"
 )
 def test_the_result_says_what_the_process_ended_with(
     error: R2bspecError, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

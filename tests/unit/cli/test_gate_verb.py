@@ -29,7 +29,7 @@ from r2bspec.report.notes import notes
 from r2bspec.report.suite import SuiteSummary, render
 from r2bspec.safe_io.git import commit_of
 
-NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
+NOISE = np.exp([0.004, -0.006, 0.005, -0.004])
 
 JUNIT = ("--report", "junit=junit.xml")
 USED = {"busy_s": 1.94}

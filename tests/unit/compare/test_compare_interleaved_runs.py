@@ -35,7 +35,7 @@ from run_simulation import Played, Simulation, objective
 
 CALM = {"busy_s": 0.7}
 BUSY = {"busy_s": 1.9, "stolen_s": 0.3}
-PAIRS = 6
+PAIRS = 4
 
 
 class Host:
@@ -151,11 +151,11 @@ def test_a_busy_host_plays_no_pair_again_and_reads_the_samples_of_each_run_once(
 @pytest.mark.parametrize("host", [[CALM]], indirect=True)
 def test_pairs_that_confirm_a_failure_continue_the_list(host: Host) -> None:
     pairs = host.compare(confirm=True)
-    assert [pair.number for pair in pairs.record.pairs] == [*range(1, 10)]
+    assert [pair.number for pair in pairs.record.pairs] == [*range(1, PAIRS + PAIRS // 2 + 1)]
     assert (pairs.record.confirmed_from, pairs.record.fresh) == (PAIRS, PAIRS // 2)
     verdict = judge_comparison_folder(pairs).result.verdict
     assert verdict.outcome == "fail"
-    assert verdict.reason.endswith("Confirmed by 3 more pairs.")
+    assert verdict.reason.endswith("Confirmed by 2 more pairs.")
 
 
 def test_the_harness_overhead_is_measured_in_the_first_run_of_the_head_alone(
@@ -172,7 +172,7 @@ def test_values_of_secrets_are_not_recorded(calm: tuple[Host, PairedComparison])
 
 @pytest.mark.parametrize("host", [[CALM]], indirect=True)
 def test_the_time_budget_ends_the_pairs(host: Host, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each run takes ten seconds, so that six pairs take two minutes."""
+    """Each run takes ten seconds, so that four pairs take 80."""
     seconds = SimpleNamespace(monotonic=lambda: 10.0 * len(host.folders))
     monkeypatch.setattr(interleaved_runs, "time", seconds)
     pairs = host.compare(budget_s=75.0).record
@@ -240,3 +240,19 @@ def test_only_steps_at_equal_intervals_are_played_by_turns(
     rate = PlayPlan(rate_hz=30.0, duration_ns=10**9, iterations=3)
     plan = msgspec.structs.replace(template().plan(), inputs=(played,), play=(rate,), **changes)
     assert why_not_by_turns(plan, plan) == why
+
+
+@pytest.mark.parametrize("host", [[CALM]], indirect=True)
+def test_a_head_that_fails_twice_is_its_own_failure(
+    host: Host, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run_plan(plan: Plan, *, folder: RunFolder, **others: object) -> None:
+        if folder.path.parent.name == "head":
+            raise ProcessDiedError("blur ended")
+        host.run_plan(plan, folder=folder, **others)
+
+    monkeypatch.setattr(interleaved_runs, "run_plan", run_plan)
+    with pytest.raises(ProcessDiedError, match="blur ended"):
+        host.compare()
+    pairs = open_comparison(host.tmp_path / "pairs")
+    assert (pairs.record.status, pairs.usable_pairs()) == ("incomplete", ())

@@ -20,6 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from data_bags import WINDOW, refusal_of
+from nightly import only_nightly
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.integrity import hash_content, verify
@@ -177,7 +178,9 @@ def test_two_processes_make_it_once(imu: SyntheticDataset, tmp_path: Path) -> No
     assert {each["sha256"] for each in outcomes} == {imu.content_sha256}
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGKILL, marks=only_nightly()), signal.SIGINT]
+)
 def test_an_interrupted_making_leaves_nothing_behind(
     imu: SyntheticDataset, tmp_path: Path, number: signal.Signals
 ) -> None:

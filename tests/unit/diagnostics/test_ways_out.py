@@ -67,10 +67,15 @@ def needs_a_hint(name: str) -> bool:
     return not makes_it and not any(defines(kind, "way_out") for kind in kinds)
 
 
+def name_of(called: ast.expr) -> str:
+    """The class that an expression names, by itself or as a part of a module."""
+    return called.id if isinstance(called, ast.Name) else getattr(called, "attr", "")
+
+
 def test_every_error_has_a_way_out() -> None:
     assert needs_a_hint("UsageError")
     calls = (
-        (f"{file}:{node.lineno}", ast.unparse(node.func).removeprefix("errors."), node.keywords)
+        (f"{file}:{node.lineno}", name_of(node.func), node.keywords)
         for file, module in modules().items()
         for node in ast.walk(module)
         if isinstance(node, ast.Call)

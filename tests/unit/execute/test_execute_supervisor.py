@@ -44,8 +44,9 @@ HANG_S = 60.0
 
 PRELUDE = """
 import os, signal, subprocess, sys, time
-from r2bspec.ipc import protocol
 def channel():
+    global protocol
+    from r2bspec.ipc import protocol
     from r2bspec.harness.control_channel import Channel
     return Channel.from_environment()
 def ignore(*numbers):
@@ -160,6 +161,7 @@ def test_a_command_that_a_stopped_child_does_not_take_blocks_nobody(
 
 
 PARTS = """
+from r2bspec.ipc import protocol
 from r2bspec.harness.control_channel import Channel
 ends = {part: Channel.from_environment(part) for part in ("", "player", "monitor")}
 assert not [name for name in os.environ if name.startswith(protocol.CONTROL_FD_VARIABLE)]

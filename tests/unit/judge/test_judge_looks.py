@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from nightly import sampled
 from r2bspec.judge.decision_policy import DecisionPolicy, combine_looks, decide_after_look
 from r2bspec.judge.measure.metric_catalogue import find_metric
 from r2bspec.judge.measure.samples import RunSamples
@@ -191,21 +192,25 @@ class TestAWholeRun:
 
     @pytest.mark.parametrize(
         ("text", "met"),
-        [
-            # 20 ms, and starts that differ by 1 %: another kind of start could be at 23 ms.
-            ("latency.mean < 25 ms", "room"),
-            ("latency.mean > 16 ms", "room"),
-            ("latency.mean < 21.5 ms", "starts do not rule out"),
-            ("latency.mean < 19 ms", "starts do not rule out"),
-            ("latency.mean < 15 ms", "room"),
-            ("latency.p50 < 25 ms", "room"),
-            ("latency.p50 < 15 ms", "room"),
-            ("latency.p99 < 30 ms", "bursts of 20"),
-            ("drop_rate <= 2 %", "bursts of 20"),
-            ("drop_rate <= 18 %", "room"),
-            ("drop_rate <= 7.5 %", "starts do not rule out"),
-            ("latency.p50 < 30 ms in 50 % of 1 s windows", "of what is counted"),
-        ],
+        sampled(
+            [
+                # 20 ms, and starts that differ by 1 %: another kind of start could be at 23 ms.
+                ("latency.mean < 25 ms", "room"),
+                ("latency.mean > 16 ms", "room"),
+                ("latency.mean < 21.5 ms", "starts do not rule out"),
+                ("latency.mean < 19 ms", "starts do not rule out"),
+                ("latency.mean < 15 ms", "room"),
+                ("latency.p50 < 25 ms", "room"),
+                ("latency.p50 < 15 ms", "room"),
+                ("latency.p99 < 30 ms", "bursts of 20"),
+                ("drop_rate <= 2 %", "bursts of 20"),
+                ("drop_rate <= 18 %", "room"),
+                ("drop_rate <= 7.5 %", "starts do not rule out"),
+                ("latency.p50 < 30 ms in 50 % of 1 s windows", "of what is counted"),
+            ],
+            2,
+            1,
+        ),
     )
     def test_a_decision_waits_for_the_declared_starts_without_room_for_what_they_may_meet(
         self, text: str, met: str

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from nightly import size
+from nightly import sampled, size
 from r2bspec.judge.rate_decision import (
     Criterion,
     ProbeJudgement,
@@ -156,8 +156,8 @@ def test_of_several_monitors_the_one_that_does_worst_decides() -> None:
     assert worst_judgement([]).holds is None
 
 
-@pytest.mark.parametrize("loses", [0.02, 0.05, 0.1])
-@pytest.mark.parametrize("rate_hz", [10.0, 20.0, 30.0, 60.0])
+@pytest.mark.parametrize("loses", [0.02, 0.1])
+@pytest.mark.parametrize("rate_hz", sampled([10.0, 20.0, 60.0, 30.0], 2))
 def test_a_probe_that_saw_no_drop_does_not_show_that_none_is_dropped(
     loses: float, rate_hz: float
 ) -> None:

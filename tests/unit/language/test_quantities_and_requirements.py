@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nightly import size
 from r2bspec.language.comparison_grammar import Bound, ComparisonError, parse_requirement
 from r2bspec.language.quantities import Duration, Quantity, QuantityError, Rate, Share, Size
 
@@ -118,6 +119,7 @@ def test_where_a_sentence_breaks(text: str, column: int, suggestion: str) -> Non
     assert (caught.value.column, caught.value.suggestion) == (column, suggestion)
 
 
+@settings(max_examples=size(30, 200))
 @given(st.text(max_size=60))
 def test_any_text_is_a_requirement_or_says_where_not(text: str) -> None:
     broken_at = None

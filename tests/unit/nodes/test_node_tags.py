@@ -133,8 +133,8 @@ def test_exact_corners_give_the_exact_pose_through_a_distorting_lens(count: int)
     assert quaternion[3] >= 0
 
 
-@pytest.mark.parametrize("turns", range(-3, 5))
-@pytest.mark.parametrize("place", [(0.0, 0.0), (0.32, 0.0), (-0.34, 0.2)])
+@pytest.mark.parametrize("turns", [-3, 0, 1, 2])
+@pytest.mark.parametrize("place", [(0.0, 0.0), (-0.34, 0.2)])
 @pytest.mark.parametrize("tilt", [0.0, 1e-9, 1e-4, 0.7])
 def test_the_pose_is_exact_at_full_half_and_quarter_turns(
     turns: int, place: tuple[float, float], tilt: float

@@ -12,8 +12,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import check_jsonschema
 import pytest
 import yaml
+from click.testing import CliRunner
 
 from git_repositories import clone, commit, git, write_files
 from nightly import only_nightly
@@ -250,9 +252,9 @@ def test_the_commands_of_the_page(
 def test_the_service_can_read_it(schema: str, text: str, tmp_path: Path) -> None:
     file = tmp_path / "file.yml"
     file.write_text(text)
-    words = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", schema, str(file)]
-    done = subprocess.run(words, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
+    words = ["--builtin-schema", schema, str(file)]
+    done = CliRunner().invoke(check_jsonschema.main, words)
+    assert done.exit_code == 0, done.output
 
 
 def test_the_inputs_of_the_page_are_those_of_the_action() -> None:

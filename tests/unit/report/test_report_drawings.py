@@ -31,8 +31,8 @@ def points(path: str) -> Iterator[tuple[float, float]]:
         pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
         if command != "M":
             corners = [at, *pairs]
-            for number in range(101):
-                t = number / 100
+            for number in range(26):
+                t = number / 25
                 line = corners
                 while len(line) > 1:  # de Casteljau
                     line = [

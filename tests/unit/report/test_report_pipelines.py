@@ -295,8 +295,8 @@ def forged_repository(request: pytest.FixtureRequest, place: Workplace) -> Forge
     return Forgery(place, forge.spec, variables)
 
 
-# By default each forgery is tried on one of the two scripts.
-@pytest.mark.parametrize("forgery", sampled(FORGERIES, 2), indirect=True)
+# By default a sample of the forgeries is tried, each on one of the two scripts.
+@pytest.mark.parametrize("forgery", sampled(FORGERIES, 4), indirect=True)
 def test_a_forged_repository_does_not_pass_the_action(forgery: Forgery) -> None:
     done = forgery.place.action(sys.executable, forgery.spec, **forgery.variables)
     forgery.assert_harmless(done)
@@ -306,7 +306,7 @@ def test_a_forged_repository_does_not_pass_the_action(forgery: Forgery) -> None:
     assert "forged" not in done.summary
 
 
-@pytest.mark.parametrize("forgery", sampled(FORGERIES, 2, 1), indirect=True)
+@pytest.mark.parametrize("forgery", sampled(FORGERIES, 4, 2), indirect=True)
 def test_a_forged_repository_does_not_pass_the_job(forgery: Forgery) -> None:
     done = forgery.place.job(sys.executable, forgery.spec, **forgery.variables)
     forgery.assert_harmless(done)
