@@ -66,7 +66,7 @@ imports: install-dev
 	$(BIN)/lint-imports
 
 # Three at a time on two processors: a quarter of their time they wait for other processes.
-PYTEST = $(BIN)/pytest -n $$(( ($$(nproc) * 3 + 1) / 2 ))
+PYTEST = $(BIN)/pytest -n $$(( ($$(nproc) * 3 + 1) / 2 )) --dist worksteal
 
 UNIT := tests/unit tests/property tests/golden tests/editors
 # Simulated runs of known truth, hostile and damaged files, and pages in a browser.

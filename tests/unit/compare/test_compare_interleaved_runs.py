@@ -15,6 +15,7 @@ import pytest
 from pair_simulation import latencies
 from r2bspec.compare import interleaved_runs
 from r2bspec.compare.interleaved_comparison import (
+    NOTHING_BY_TURNS,
     BaseFailsError,
     ComparisonSide,
     ComparisonSpec,
@@ -82,6 +83,7 @@ class Host:
         *,
         confirm: bool = False,
         progress: Progress | None = None,
+        alternates: str = NOTHING_BY_TURNS,
     ) -> PairedComparison:
         """Compare two sides that differ in nothing but their names, and in an environment."""
         plan = msgspec.structs.replace(template().plan(), phases=("start", "harness_overhead"))
@@ -90,7 +92,8 @@ class Host:
         side = ComparisonSide(msgspec.structs.replace(plan, gate=gate), self.tmp_path, "")
         base = replace(side, environment=environment or {})
         folder = self.tmp_path / "pairs"
-        compare(ComparisonSpec(base, side, PAIRS), folder, *([progress] if progress else []))
+        comparison = ComparisonSpec(base, side, PAIRS, alternates=alternates)
+        compare(comparison, folder, *([progress] if progress else []))
         return open_comparison(self.tmp_path / "pairs")
 
 
@@ -110,11 +113,22 @@ SECRETS = {"API_TOKEN": "very-secret", "OMP_NUM_THREADS": "4", "GONE_KEY": ""}
 
 @pytest.fixture(scope="module")
 def calm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Host, PairedComparison]:
-    """A comparison that nothing disturbs, whose base has secrets in its environment."""
+    """A comparison that nothing disturbs, whose base has secrets in its environment.
+
+    Both sides at once do not come up, as they are simulated.
+    """
     made = Host(tmp_path_factory.mktemp("calm"), [CALM])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(interleaved_runs, "run_plan", made.run_plan)
-        return made, made.compare(SECRETS)
+        return made, made.compare(SECRETS, alternates="")
+
+
+def test_sides_that_do_not_come_up_at_once_are_played_one_after_the_other(
+    calm: tuple[Host, PairedComparison],
+) -> None:
+    pairs = calm[1].record
+    assert not pairs.by_turns
+    assert any("one after the other: beside the other one, " in note for note in pairs.notes)
 
 
 def test_the_recorded_order_is_the_order_that_was_played(
@@ -151,11 +165,11 @@ def test_a_busy_host_plays_no_pair_again_and_reads_the_samples_of_each_run_once(
 @pytest.mark.parametrize("host", [[CALM]], indirect=True)
 def test_pairs_that_confirm_a_failure_continue_the_list(host: Host) -> None:
     pairs = host.compare(confirm=True)
-    assert [pair.number for pair in pairs.record.pairs] == [*range(1, PAIRS + PAIRS // 2 + 1)]
-    assert (pairs.record.confirmed_from, pairs.record.fresh) == (PAIRS, PAIRS // 2)
+    assert [pair.number for pair in pairs.record.pairs] == [*range(1, PAIRS + 4)]
+    assert (pairs.record.confirmed_from, pairs.record.fresh) == (PAIRS, 3)
     verdict = judge_comparison_folder(pairs).result.verdict
     assert verdict.outcome == "fail"
-    assert verdict.reason.endswith("Confirmed by 2 more pairs.")
+    assert verdict.reason.endswith("Confirmed by 3 more pairs.")
 
 
 def test_the_harness_overhead_is_measured_in_the_first_run_of_the_head_alone(

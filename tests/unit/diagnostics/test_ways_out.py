@@ -68,8 +68,10 @@ def needs_a_hint(name: str) -> bool:
 
 
 def name_of(called: ast.expr) -> str:
-    """The class that an expression names, by itself or as a part of a module."""
-    return called.id if isinstance(called, ast.Name) else getattr(called, "attr", "")
+    """The class of r2bspec that an expression names, by itself or as a part of ``errors``."""
+    if isinstance(called, ast.Attribute) and isinstance(called.value, ast.Name):
+        return called.attr if called.value.id == "errors" else ""
+    return called.id if isinstance(called, ast.Name) else ""
 
 
 def test_every_error_has_a_way_out() -> None:
