@@ -74,7 +74,7 @@ def intruder(bench: Bench, running: Running, topic: str) -> Iterator[int]:
     """
     environment = variables_of(running, "monitor")
     del environment[RUN_ID_VARIABLE]
-    command = [sys.executable, bench.folder / "intruder.py", topic]
+    command = [sys.executable, str(bench.folder / "intruder.py"), topic]
     with node_of_others(command, env=environment, cwd="/", start_new_session=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"there\n"
