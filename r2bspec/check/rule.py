@@ -140,10 +140,17 @@ PREPROCESS_FLOW = "feed"
 """The path of the messages from the bag through the preprocessors to the playback inputs."""
 
 
-def near_file(path: FilePath) -> str:
-    """Return help that names a file in the same folder with a similar name; empty if none has."""
+def near_file(base: FilePath, written: str) -> str:
+    """Return help that names a file in the same folder with a similar name; empty if none has.
+
+    Args:
+        base: the folder to which the path is relative.
+        written: the path as the spec has it, which the proposed path follows.
+    """
+    path = base / written
     close = did_you_mean(path.name, names_if_any(path.parent))
-    return f"did you mean {quote(close)}?" if close else ""
+    folder, slash, _ = written.rpartition("/")
+    return f"did you mean {quote(folder + slash + close)}?" if close else ""
 
 
 def flow_key(phase: str) -> str:

@@ -37,6 +37,11 @@ _OPERATOR = re.compile(r"\s*(?P<op><=|>=|==|!=|<|>)")
 _DECIMALS = re.compile(r"\.(\d{1,4})\b")
 _OPERATOR_TYPOS = {"=<": "<=", "=>": ">=", "=": "==", "≤": "<=", "≥": ">=", "≠": "!="}
 _RELATIVE_BOUND = re.compile(r"(?P<share>.*?%)\s*of\s+(?P<reference>\w+)")
+_LIKE_RELATIVE = re.compile(
+    r"(?P<number>\d+(?:\.\d+)?)\s*(?P<sign>%?)\s*[x*]?\s*(?:of\s+)?(?P<reference>offered|baseline)"
+)
+"""What people write in its place."""
+
 _REFERENCES = ("offered", "baseline")
 COMPARISONS: Mapping[Operator, Callable[[Any, Any], bool]] = {
     "<": operator.lt,
@@ -262,6 +267,10 @@ def _bound_error(text: str, column: int) -> ComparisonError:
             column + unit.start(2),
             f"{unit[1]} {close}" if close else "",
         )
+    if (relative := _LIKE_RELATIVE.fullmatch(text)) is not None:
+        percent = float(relative["number"]) * (1 if relative["sign"] else 100)
+        meant = f"{percent:.6g} % of {relative['reference']}"
+        return ComparisonError(f"{quote(text)} is not a bound", column, meant)
     return ComparisonError(
         f"{quote(text)} is not a bound; write a number with a unit, such as 50 ms, 30 Hz, 2 % "
         "or 64 MiB, or an integer for a count",

@@ -22,7 +22,7 @@ NODES: dict[str, str] = yaml.safe_load(
 PACKAGED = "drive_pkg:driver"
 """The console script of a package, in a workspace."""
 
-ENOUGH = ("starts=1", "iterations=30", "duration=1 s")
+ENOUGH = ("starts=1", "iterations=8", "duration=2 s")
 
 
 @only_nightly()

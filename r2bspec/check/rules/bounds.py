@@ -148,6 +148,12 @@ def bound_backwards(context: Context) -> Findings:
             help_text = "write '>= 98 % of offered'"
         elif not (bound.of_baseline or bound.of_offered) and _is_empty((0.0, False), high):
             message, help_text = f"no value of {name} is below 0", "raise the bound"
+        elif at_least and metric.info.metric.name in _DELAYS and not _has_upper(context, metric):
+            message = f"{name} is better the smaller it is: this bound passes every late output"
+            help_text = (
+                f"write '< {requirement.text[requirement.bound_column :]}', or add an upper bound"
+            )
+            severity = "warning"
         elif is_margin:
             message, sign = f"{name} passes only if it needs {written} of what the base needs", 1
             if at_least:
@@ -165,6 +171,19 @@ def bound_backwards(context: Context) -> Findings:
             severity=severity,
             suppressed_by={metric.subject},
         )
+
+
+_DELAYS = ("latency", "latency_from_due", "age")
+"""A lower bound alone is most likely a mistake; beside an upper one, it is of a known value."""
+
+
+def _has_upper(context: Context, metric: KnownMetric) -> bool:
+    """Return whether any requirement limits the same metric of the same monitor from above."""
+    return any(
+        other.requirement.op not in {">", ">="}
+        and (other.monitor, other.info.metric.name) == (metric.monitor, metric.info.metric.name)
+        for other in context.known_metrics
+    )
 
 
 _HALF = 0.5

@@ -174,7 +174,7 @@ def parameter_file_unusable(context: Context) -> Findings:
                 if file.missing
                 else f"parameter file {quote(name)} {problem}",
                 path=path,
-                help=near_file(context.loaded.base_dir / name)
+                help=near_file(context.loaded.base_dir, name)
                 or f"paths are relative to the folder of the spec ({context.loaded.base_dir})"
                 if file.missing
                 else advice,

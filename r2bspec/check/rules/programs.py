@@ -42,7 +42,7 @@ def launch_file_not_found(context: Context) -> Findings:
             yield Finding(
                 message=f"launch file {quote(launch.path)} not found",
                 path=(*node.path, "launch", "path"),
-                help=near_file(context.loaded.base_dir / launch.path)
+                help=near_file(context.loaded.base_dir, launch.path)
                 or f"paths are relative to the folder of the spec ({context.loaded.base_dir}); "
                 "for a launch file of a package use 'package' and 'file'",
             )
@@ -78,7 +78,7 @@ def program_not_found(context: Context) -> Findings:
         if "/" in program:
             exists = is_regular(folder / program)
             message = f"program {quote(program)} not found"
-            advice = near_file(folder / program) or (
+            advice = near_file(folder, program) or (
                 f"the path is relative to its working folder ({folder}); build it before the run"
             )
         else:
@@ -257,7 +257,7 @@ def python_module_not_found(context: Context) -> Findings:
     """Find Python nodes whose file or module does not exist."""
     for path, target in _python_targets(context):
         finding = (
-            _missing_module(path, target)
+            _missing_module(context, path, target)
             if target.module
             else _unusable_file(context, path, target)
         )
@@ -273,14 +273,21 @@ def _python_targets(context: Context) -> Iterator[tuple[Path, installed_packages
             yield (*node.path, "python"), target
 
 
-def _missing_module(path: Path, target: installed_packages.PythonTarget) -> Finding | None:
+def _missing_module(
+    context: Context, path: Path, target: installed_packages.PythonTarget
+) -> Finding | None:
     if find_module(target.module) is not None:
         return None
+    file = f"./{target.module.replace('.', '/')}.py"
+    if is_regular(context.loaded.base_dir / file):
+        file, advice = f"{file}:{target.name}", "for the file beside the spec"
+    else:
+        file, advice = "./file.py:Class", "install it, or source its workspace; for a file"
     return Finding(
         message=f"Python module {quote(target.module)} not found on this machine",
         path=path,
         part=(0, len(target.module)),
-        help="install it, or source its workspace; for a file, write ./file.py:Class",
+        help=f"{advice}, write {file}",
         severity="warning",
         machine_dependent=True,
     )
@@ -295,7 +302,7 @@ def _unusable_file(
             message=f"Python file {quote(written)} not found",
             path=path,
             part=(0, len(written)),
-            help=near_file(target.file)
+            help=near_file(context.loaded.base_dir, written)
             or f"paths are relative to the folder of the spec ({context.loaded.base_dir})",
         )
     try:

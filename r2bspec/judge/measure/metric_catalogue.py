@@ -241,6 +241,7 @@ _OTHER_NAMES: Final = {
 }
 _OTHER_PARTS: Final = {"avg": "mean", "average": "mean", "median": "p50"}
 """Words of other tools, and the words for them here."""
+_PARTS: Final = ("min", "mean", "p50", "p90", "p95", "p99", "max")
 
 
 def _translated(name: str) -> str:
@@ -248,7 +249,7 @@ def _translated(name: str) -> str:
     series, _, part = name.rpartition(".")
     if series and part in _OTHER_PARTS:
         return f"{series}.{_OTHER_PARTS[part]}"
-    return _OTHER_NAMES.get(name, "")
+    return _OTHER_NAMES.get(series if part in _PARTS else name, "")
 
 
 def _unknown_metric(name: str, message: str, subjects: Subjects, prefix: str = "") -> MetricError:

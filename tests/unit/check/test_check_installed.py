@@ -130,6 +130,26 @@ def test_a_file_that_is_not_there_or_not_beside_the_spec(workspace: Path) -> Non
     assert codes(text, file="inside/spec.r2b.yaml") == [], "it is there, but it is not read"
 
 
+@pytest.mark.parametrize(
+    ("target", "advice"),
+    [
+        ("./node.py:Detector", "did you mean './nodes.py'?"),
+        ("nodes.Detector", "for the file beside the spec, write ./nodes.py:Detector"),
+        ("inside.graph.Detector", "write ./inside/graph.py:Detector"),
+        ("inside/grap.py:Detector", "did you mean 'inside/graph.py'?"),
+        ("nothing_of_this_name.Detector", "install it, or source its workspace"),
+    ],
+)
+def test_a_wrong_target_is_answered_with_the_file_that_is_there(
+    target: str, advice: str, workspace: Path
+) -> None:
+    (workspace / "inside").mkdir()
+    for file in ("nodes.py", "inside/graph.py"):
+        (workspace / file).write_text("class Detector: ...", encoding="utf-8")
+    (found,) = findings(node(f"python: '{target}'"))
+    assert advice in found.help
+
+
 def test_files_that_tell_nothing(tmp_path: Path) -> None:
     file = tmp_path / "nodes.py"
     assert top_level_names(file) is None

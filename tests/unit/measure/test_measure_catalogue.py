@@ -88,6 +88,7 @@ def test_a_monitor_may_have_the_name_of_a_metric() -> None:
         ("latency.avg", "there is no metric", "latency.mean"),
         ("detections.latency.median", "there is no metric", "detections.latency.p50"),
         ("detections.fps", "there is no metric", "detections.throughput.mean"),
+        ("output_rate.mean", "there is no metric", "throughput.mean"),
         ("loss", "there is no metric", "drop_rate"),
         ("cpu.apriltag.avg", "there is no metric", "cpu.apriltag.mean"),
     ],
