@@ -132,7 +132,8 @@ def window_without_messages(context: Context) -> Findings:
             key=empty,
             help=""
             if empty
-            else "'rate: once' of the input plays the last one before the window, as of a map"
+            else f"the last comes at {Duration(last_ns - bag.start_ns)}; 'rate: once' of the input "
+            "plays it, as of a map"
             if last_ns < start_ns
             else f"the first of them comes at {Duration(first_ns - bag.start_ns)}"
             if first_ns > start_ns
