@@ -205,7 +205,7 @@ def _add_interface(block: Block, node: NodeAction, folder: Path) -> None:
     if tree is None:
         return
     classes = [each.name for each in tree.body if isinstance(each, ast.ClassDef)]
-    read = [read_node_class(tree, name) for name in classes]
+    read = [read_node_class(tree, name) for name in classes or ["main"]]
     known = [each for each in read if not (each.may_subscribe_more or each.may_publish_more)]
     if len(known) == 1:
         block.add("subscribes", Block.of(known[0].subscribes or {}))

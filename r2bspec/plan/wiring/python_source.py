@@ -61,9 +61,13 @@ class SourceNames:
         return self._tree.body
 
     def _is_hidden(self, name: str, line: int, full: str = "") -> bool:
-        """Return whether an ``import *`` after this line binds the name to something else."""
-        bound = (_star_binds(module, name) for at, _, module in self._stars if at > line)
-        return any(other and other != full for other in bound)
+        """Return whether an ``import *`` after this line may bind the name to something else."""
+        return any(
+            f"{module}.{name}" != full
+            and (_star_binds(module, name) or (_has_types(module) and _has_types(full)))
+            for at, _, module in self._stars
+            if at > line and _star_binds(module, name) is not False
+        )
 
     def definition(self, name: str) -> ast.FunctionDef | ast.ClassDef | None:
         """Return the function or class at the top level, if nothing else binds its name."""
@@ -90,6 +94,15 @@ class SourceNames:
             return []
         is_hidden = self._is_hidden(name, self._import_lines[name], *self._imported[name])
         return [] if is_hidden else [*origins]
+
+    def _starred(self, name: str) -> str:
+        """Return the full name of what an ``import *`` binds; empty if that is not known."""
+        modules = [module for _, _, module in reversed(self._stars)]
+        known = [module for module in modules if _star_binds(module, name)]
+        own = {module for module in modules if _star_binds(module, name) is None}
+        own = {module for module in own if _has_types(module) and name[:1].isupper()}
+        module = known[0] if known else own.pop() if len(own) == 1 else ""
+        return f"{module}.{name}" if module else ""
 
     def constant(self, name: str) -> ast.expr | None:
         """Return the value of a variable at the top level, if nothing else binds its name."""
@@ -118,8 +131,7 @@ class SourceNames:
             return ""
         imported = self._imported.get(node.id, set())
         if not imported:
-            bound = (_star_binds(module, node.id) for _, _, module in reversed(self._stars))
-            return next(filter(None, bound), "")
+            return self._starred(node.id)
         full = next(iter(imported)) if len(imported) == 1 else ""
         is_hidden = self._is_hidden(node.id, self._import_lines[node.id], full)
         return "" if is_hidden or full.startswith(".") else full
@@ -132,25 +144,26 @@ _OF_RCLPY = re.compile(
 """The names of rclpy that nodes use."""
 
 
-@lru_cache(maxsize=10_000)
-def _star_binds(module: str, name: str) -> str | None:
-    """Return the full name that ``from module import *`` gives a name.
+def _has_types(module: str) -> bool:
+    """Return whether a module, or that of a full name, has the types of a package."""
+    return module.split(".")[1:2] in (["msg"], ["srv"], ["action"])
 
-    Empty if it does not bind it, None if the module is not known.
-    """
-    if module.partition(".")[0] == "rclpy":
-        return f"{module}.{name}" if _OF_RCLPY.fullmatch(name) else ""
+
+@lru_cache(maxsize=10_000)
+def _star_binds(module: str, name: str) -> bool | None:
+    """Return whether ``from module import *`` binds a name; None if the module is not known."""
     package, _, kind = module.partition(".")
-    if kind not in {"msg", "srv", "action"}:
+    if package == "rclpy":
+        return _OF_RCLPY.fullmatch(name) is not None
+    if not _has_types(module):
         return None
     from r2bspec.bags.message_types import typestore
 
     types = typestore().types
     if not any(known.startswith(f"{package}/{kind}/") for known in types):
-        return f"{module}.{name}" if name[:1].isupper() else ""
+        return None
     own = f"{package}/{kind}/{name}"
-    is_known = any(f"{own}{end}" in types for end in ("", "_Request", "_Goal"))
-    return f"{module}.{name}" if is_known else ""
+    return any(f"{own}{end}" in types for end in ("", "_Request", "_Goal"))
 
 
 def bound_names(node: ast.AST) -> Iterator[str]:

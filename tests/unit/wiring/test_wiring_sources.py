@@ -173,6 +173,31 @@ def test_a_function_has_the_interface_of_the_class_of_which_it_makes_its_node(
     assert bool(found.may_publish_more) is not known
 
 
+@pytest.mark.parametrize(
+    ("imports", "kind"),
+    [
+        (["sensor_msgs.msg import *"], IMAGE),
+        (["sensor_msgs.msg import *", "own_msgs.msg import *", "numpy import *"], IMAGE),
+        (["std_msgs.msg import *", "own_msgs.msg import *"], "own_msgs/msg/Image"),
+        (["numpy import *"], ""),
+        (["own_msgs.msg import *", "sensor_msgs.msg import Image"], IMAGE),
+        (["sensor_msgs.msg import Image", "std_msgs.msg import *", "numpy import *"], IMAGE),
+        (["sensor_msgs.msg import Image", "own_msgs.msg import *"], ""),
+        (["own_msgs.msg import Image", "sensor_msgs.msg import *"], ""),
+    ],
+)
+def test_a_type_may_come_from_a_star_import(imports: list[str], kind: str, tmp_path: Path) -> None:
+    file = tmp_path / "nodes.py"
+    lines = "".join(f"from {line}\n" for line in ["rclpy.node import Node", *imports])
+    body = (
+        "class N(Node):\n    def __init__(self):\n        self.create_publisher(Image, 'out', 1)\n"
+    )
+    file.write_text(lines + body, encoding="utf-8")
+    found = read_node_source(file, "N")
+    assert found is not None
+    assert (found.publishes, found.may_publish_more) == ({"out": kind}, "")
+
+
 WITHOUT_A_CLASS = {
     "variables of the function": """
         def main():
