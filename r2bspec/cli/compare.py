@@ -12,7 +12,7 @@ import click
 
 from r2bspec.cli import shared_options
 from r2bspec.cli.run import RunArguments
-from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection
+from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection, SuiteEntry
 from r2bspec.errors import ExitStatus
 from r2bspec.language.quantities import Share
 from r2bspec.language.selected_spec import SelectionValues
@@ -82,9 +82,10 @@ def command(
                 f"two specs are compared, not {len(what)}; 'r2bspec gate' takes a folder"
             )
         options = replace(options, against=what[:1])
-    from r2bspec.cli.run_single import run_single
+    from r2bspec.cli.run_specs import Runs, run_specs
 
-    return run_single(SpecSelection(Path(what[-1]), **values), options)
+    entry = SuiteEntry(SpecSelection(Path(what[-1]), **values))
+    return run_specs([entry], Runs(options), several=False)
 
 
 _FOR_SPECS = ("--pairs", "--output", "--no-lock", "--wait", "--quiet", "--verbose")

@@ -12,15 +12,15 @@ import click
 
 from r2bspec.cli import shared_options
 from r2bspec.cli.main import show_error
-from r2bspec.cli.run import RunArguments
-from r2bspec.cli.spec_selection import Playing, SuiteEntry, base_selection, prepare_and_report
+from r2bspec.cli.run import RunArguments, Runs, selected_runs
+from r2bspec.cli.spec_selection import SuiteEntry, base_selection, prepare_and_report
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.diagnostics.quote import pluralize, time_text
 from r2bspec.errors import R2bspecError
 from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
-    from r2bspec.cli.run_suite import Suite
+    from r2bspec.cli.suite import Playing, Suite
     from r2bspec.fleet.client import EndedRun, Fleet, FleetRun
     from r2bspec.language.selected_spec import SelectionValues
     from r2bspec.report.suite import SuiteRun
@@ -71,12 +71,14 @@ def run_command(
         options.refuse("cannot be combined with --smoke, which judges nothing", "--against")
     if not options.compares:
         options.refuse("needs --against", "--pairs")
-    from r2bspec.cli.run_suite import prepare_suite
+    from r2bspec.cli.run_specs import prepare_entries
+    from r2bspec.cli.suite import Suite
     from r2bspec.fleet.client import Fleet
     from r2bspec.safe_io.private_files import private_files
 
-    suite, entries = prepare_suite(specs, values, options)
-    suite.create_folder()
+    entries = selected_runs(specs, values, options)
+    suite = Suite.of(options)
+    prepare_entries(entries, options, several=True)
     with private_files(), Fleet(options.on) as fleet:
         executor = FleetExecutor(suite, options, fleet)
         placed = executor.place(entries)
@@ -98,10 +100,12 @@ class FleetExecutor:
 
         hosts = list(self.fleet.hosts.values())
         placed = []
+        runs = Runs[SuiteEntry](self.options)
         for entry in entries:
             if entry.prepared is None:
                 placed.append(entry)
                 continue
+            entry.estimate = runs.estimate(entry)
             for assignment in place(entry.prepared.plan, self.options.hosts, hosts):
                 if assignment.error is not None:
                     show_error(assignment.error)

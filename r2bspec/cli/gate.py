@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from r2bspec.cli import shared_options
-from r2bspec.cli.run import RunArguments
-from r2bspec.errors import R2bspecError
+from r2bspec.cli.run import RunArguments, Runs
+from r2bspec.cli.spec_selection import SpecSelection, SuiteEntry, suite_entries
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
     from r2bspec.api import PreparedBenchmark
-    from r2bspec.cli.spec_selection import SuiteEntry
-    from r2bspec.compare.gated_specs import GatedSpec, GatedSpecs
+    from r2bspec.compare.gated_specs import GatedSpec
     from r2bspec.compare.merge_gate import ComparedSpec, GateSides, MergeGate
+    from r2bspec.execute.states import Progress
     from r2bspec.judge.result import Result
     from r2bspec.plan.time_estimate import TimeEstimate
-    from r2bspec.report.progress import RemainingTime
     from r2bspec.report.write_reports import ReportRequest
 
 
@@ -67,177 +66,118 @@ def command(
     'r2bspec docs gate' has the details.
     """
     from r2bspec import api
-    from r2bspec.cli import run_single
+    from r2bspec.cli.run_specs import reported_failures, run_specs
+    from r2bspec.cli.suite import suite_reports
     from r2bspec.compare.base_environment import check_tools
+    from r2bspec.report.suite import SUITE_FORMATS
 
     options = RunArguments(reports=reports, **others)
-
     values = SelectionValues(sets=sets, variables=shared_options.parse_pairs("--var", variables))
     place = Path(specs[0])
     with contextlib.ExitStack() as stack:
-        with run_single.reported_failures(_of_all(options), run_single.OutputFolder(), place):
+        of_all = replace(options, reports=suite_reports(reports))
+        with reported_failures(of_all, None, place):
             gate = stack.enter_context(api.open_gate(base, allow))
             check_tools(gate.tree)
             if not options.quiet:
                 echo(f"base: {gate.tree.name}", err=True)
             selected = gate.select(specs)
-        entries = _entries(selected, values)
-        if len(specs) == 1 and len(entries) == 1 and place.is_file():
-            return _gate_one(gate, entries[0], selected, options)
-        return _gate_all(gate, entries, selected, options)
+        entries = [
+            GatedEntry(each.selection, spec=spec)
+            for spec in selected.specs
+            for each in suite_entries(SpecSelection(Path(), **values), [str(spec.head)])
+        ]
+        if not entries:
+            # There is no run that could have a report.
+            reports = tuple(each for each in of_all.reports if each.format in SUITE_FORMATS)
+            options = replace(options, reports=reports)
+        several = not (len(specs) == len(entries) == 1 and place.is_file())
+        runs = GatedRuns(gate, selected.notes, options, several=several)
+        return run_specs(entries, runs, several=several)
 
 
-@dataclass(frozen=True)
-class _Entry:
-    """A case of a spec that is gated."""
+@dataclass
+class GatedEntry(SuiteEntry):
+    """A case of a spec that is gated.
 
-    spec: GatedSpec
-    entry: SuiteEntry
-
-
-def _entries(selected: GatedSpecs, values: SelectionValues) -> list[_Entry]:
-    from r2bspec.cli.spec_selection import suite_entries
-    from r2bspec.language.selected_spec import SpecSelection
-
-    selection = SpecSelection(Path(), **values)
-    return [
-        _Entry(spec, entry)
-        for spec in selected.specs
-        for entry in suite_entries(selection, [str(spec.head)])
-    ]
-
-
-def _of_all(options: RunArguments) -> RunArguments:
-    """Return the options without the reports of single runs."""
-    from r2bspec.cli.run_suite import NAME_FIELD
-
-    reports = (request for request in options.reports if NAME_FIELD not in request.path)
-    return replace(options, reports=tuple(reports))
-
-
-def _gate_one(gate: MergeGate, one: _Entry, selected: GatedSpecs, options: RunArguments) -> int:
-    """Gate a spec of one case; return the exit status of its verdict."""
-    from r2bspec import api
-    from r2bspec.cli import run_single
-    from r2bspec.cli.spec_selection import prepare_and_report
-    from r2bspec.cli.text_output import queued_host
-    from r2bspec.report.progress import RemainingTime
-
-    entry, folder = one.entry, run_single.OutputFolder()
-    with run_single.reported_failures(options, folder, one.spec.head):
-        with options.sparing_inputs():
-            prepared = prepare_and_report(entry.selection, infos=options.verbose)
-        compared = _compared(gate, one, prepared)
-        compared = replace(compared, sentences=(*selected.notes, *compared.sentences))
-        _check_names(gate)
-        name = f"{prepared.plan.name}-pairs"
-        path = folder.path = options.output or api.default_run_folder(name)
-        estimate = _estimate(prepared, compared, options)
-        with queued_host(name, estimate.seconds, options.wait_s, quiet=options.quiet):
-            sides = _sides(gate, compared, options)
-            if not options.quiet:
-                echo(f"{name}: {estimate.text()}", err=True)
-            remaining = RemainingTime(estimate)
-            result = _play(gate, compared, sides, options, path, one.spec.head, remaining)
-        run_single.show(result, prepared, options, path, one.spec.head)
-        return result.verdict.exit_code
-
-
-def _gate_all(
-    gate: MergeGate, entries: Sequence[_Entry], selected: GatedSpecs, options: RunArguments
-) -> int:
-    """Gate several specs: all are compared, then all are played; return the worst exit status."""
-    from r2bspec.cli import run_single
-    from r2bspec.cli.run_suite import LocalExecutor, Suite, announcement, prepare_entry
-    from r2bspec.cli.text_output import queued_host
-    from r2bspec.report.suite import SUITE_FORMATS
-
-    if not entries:
-        # There is no run that could have a report.
-        of_all = tuple(each for each in options.reports if each.format in SUITE_FORMATS)
-        options = replace(options, reports=of_all)
-    suite = Suite.of(options)
-    suite.gate = selected.notes
-    runs = [one.entry for one in entries]
-    ready: dict[int, tuple[ComparedSpec, GateSides]] = {}
-
-    def refused() -> bool:
-        return any(entry.error is not None for entry in runs)
-
-    with options.sparing_inputs():
-        for entry in runs:
-            prepare_entry(entry, options)
-    compared = {}
-    for one in entries:
-        with _error_of(one.entry):
-            compared[id(one.entry)] = _compared(gate, one, one.entry.benchmark)
-    with run_single.reported_failures(_of_all(options), run_single.OutputFolder(), Path()):
-        if not refused():
-            _check_names(gate)
-    with contextlib.ExitStack() as stack:
-        if runs and not refused():
-            for entry in runs:
-                entry.estimate = _estimate(entry.benchmark, compared[id(entry)], options)
-            seconds, name = sum(entry.seconds for entry in runs), f"{len(runs)} benchmarks"
-            host = queued_host(name, seconds, options.wait_s, quiet=options.quiet)
-            stack.enter_context(host)
-            for entry in runs:
-                with _error_of(entry):
-                    sides = _sides(gate, compared[id(entry)], options)
-                    ready[id(entry)] = compared[id(entry)], sides
-        suite.create_folder()
-        suite.enter(runs)
-        if refused():
-            return suite.refuse()
-
-        def play(entry: SuiteEntry, own: RunArguments, remaining: RemainingTime) -> Result:
-            return _play(
-                gate, *ready[id(entry)], own, entry.folder, entry.selection.spec, remaining
-            )
-
-        return suite.run(announcement(runs), LocalExecutor(suite, options, play).play(runs))
-
-
-@contextlib.contextmanager
-def _error_of(entry: SuiteEntry) -> Iterator[None]:
-    """Print what the gate refuses, and keep it as the error of a run."""
-    from r2bspec.cli.main import show_error
-    from r2bspec.execute.errors import InterruptedRunError
-
-    if entry.error is not None:
-        return
-    try:
-        yield
-    except InterruptedRunError:
-        raise
-    except R2bspecError as error:
-        show_error(error)
-        entry.error = error
-
-
-def _compared(gate: MergeGate, one: _Entry, prepared: PreparedBenchmark) -> ComparedSpec:
-    """Compare a spec with that of the base, and print what differs; nothing is played.
-
-    Raises:
-        R2bspecError: the gate refuses the spec, or its base.
+    Attributes:
+        spec: the spec, here and in the base.
+        compared: with the base; None before.
+        sides: what is played, the base built; None before.
     """
-    from r2bspec.compare.gate_rules import require_objectives
 
-    with _findings_shown(prepared):
-        require_objectives(prepared.plan.objectives, str(one.spec.head))
-        return gate.compare(one.spec, one.entry.selection, prepared)
+    spec: GatedSpec = field(kw_only=True)
+    compared: ComparedSpec | None = None
+    sides: GateSides | None = None
 
 
-def _sides(gate: MergeGate, compared: ComparedSpec, options: RunArguments) -> GateSides:
-    """Build the base, and compare what both sides are given; the caller has the lock of the host.
+class GatedRuns(Runs[GatedEntry]):
+    """Plays specs in pairs with the base of a merge gate; if it refuses one, it plays none."""
 
-    Raises:
-        R2bspecError: the gate refuses the input, or its base.
-    """
-    from r2bspec.report.progress import shown_progress
+    needs_all = True
 
-    with _findings_shown(compared.head), shown_progress(quiet=options.quiet) as progress:
-        return gate.sides(compared, progress)
+    def __init__(
+        self, gate: MergeGate, notes: tuple[str, ...], options: RunArguments, *, several: bool
+    ) -> None:
+        super().__init__(options)
+        self.gate = gate
+        self.notes = notes
+        self.several = several
+
+    def name(self, entry: GatedEntry) -> str:
+        """Return the name of a single comparison in the queue, and of its folder."""
+        return f"{entry.name}-pairs"
+
+    def check(self, entries: Sequence[GatedEntry]) -> None:
+        """Compare all specs with those of the base, and print what differs."""
+        from r2bspec.cli.run_specs import kept_error
+        from r2bspec.compare.gate_rules import check_allowed, require_objectives
+
+        for entry in entries:
+            if entry.error is None:
+                with kept_error(entry, several=self.several), _findings_shown(entry.benchmark):
+                    require_objectives(entry.benchmark.plan.objectives, str(entry.spec.head))
+                    compared = self.gate.compare(entry.spec, entry.selection, entry.benchmark)
+                    notes = () if self.several else self.notes
+                    sentences = (*notes, *compared.sentences)
+                    entry.compared = replace(compared, sentences=sentences)
+        if self.gate.names and all(entry.error is None for entry in entries):
+            check_allowed(self.gate.allow, self.gate.names)
+
+    def estimate(self, entry: GatedEntry) -> TimeEstimate:
+        """Return how long the pairs take, or the head alone."""
+        from r2bspec.compare.comparison_time import estimate_comparison
+        from r2bspec.plan.time_estimate import estimate_time
+
+        assert entry.compared is not None  # noqa: S101 - `check` comes first
+        if entry.compared.base is None:
+            return estimate_time(entry.benchmark.plan)
+        return estimate_comparison(entry.benchmark.plan, self.options.pairs)
+
+    def build(self, entry: GatedEntry) -> None:
+        """Build the base, and compare what both sides are given."""
+        from r2bspec.report.progress import shown_progress
+
+        assert entry.compared is not None  # noqa: S101 - `check` comes first
+        with (
+            _findings_shown(entry.benchmark),
+            shown_progress(quiet=self.options.quiet) as progress,
+        ):
+            entry.sides = self.gate.sides(entry.compared, progress)
+
+    def play(self, entry: GatedEntry, progress: Progress) -> Result:
+        """Play the pairs of an entry."""
+        from r2bspec import api
+        from r2bspec.compare.base_environment import check_tools
+
+        compared, sides = entry.compared, entry.sides
+        assert compared is not None  # noqa: S101 - `check` comes first
+        assert sides is not None  # noqa: S101 - `build` comes first
+        pairs = self.options.pairs
+        result = api.run_gated(self.gate, compared, sides, entry.folder, progress, pairs=pairs)
+        # Most of r2bspec is imported where it is needed first.
+        check_tools(self.gate.tree)
+        return result
 
 
 @contextlib.contextmanager
@@ -256,49 +196,3 @@ def _findings_shown(prepared: PreparedBenchmark) -> Iterator[None]:
         show_findings([error.diagnostic], prepared.loaded)
         error.remainder = ""
         raise
-
-
-def _check_names(gate: MergeGate) -> None:
-    """Check that each name of ``--allow`` is known to one of the specs.
-
-    Raises:
-        UsageError: one is known to none.
-    """
-    from r2bspec.compare.gate_rules import check_allowed
-
-    if gate.names:
-        check_allowed(gate.allow, gate.names)
-
-
-def _estimate(
-    prepared: PreparedBenchmark, compared: ComparedSpec, options: RunArguments
-) -> TimeEstimate:
-    from r2bspec.compare.comparison_time import estimate_comparison
-    from r2bspec.plan.time_estimate import estimate_time
-
-    if compared.base is None:
-        return estimate_time(prepared.plan)
-    return estimate_comparison(prepared.plan, options.pairs)
-
-
-def _play(
-    gate: MergeGate,
-    compared: ComparedSpec,
-    sides: GateSides,
-    options: RunArguments,
-    folder: Path,
-    spec: Path,
-    remaining: RemainingTime,
-) -> Result:
-    from r2bspec import api
-    from r2bspec.cli import run_single
-    from r2bspec.compare.base_environment import check_tools
-    from r2bspec.execute.states import Progress
-
-    def play(progress: Progress) -> Result:
-        result = api.run_gated(gate, compared, sides, folder, progress, pairs=options.pairs)
-        # Most of r2bspec is imported where it is needed first.
-        check_tools(gate.tree)
-        return result
-
-    return run_single.execute(options, folder, spec, remaining, play)

@@ -5,19 +5,29 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import click
 
 from r2bspec.cli import shared_options
-from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection
+from r2bspec.cli.spec_selection import (
+    ALL_CASES,
+    SpecSelection,
+    SuiteEntry,
+    base_selection,
+    prepare_and_report,
+    suite_entries,
+)
 from r2bspec.language.quantities import Duration
 from r2bspec.language.selected_spec import SelectionValues
 
 if TYPE_CHECKING:
+    from r2bspec.execute.states import Progress
+    from r2bspec.judge.result import Result
+    from r2bspec.plan.time_estimate import TimeEstimate
     from r2bspec.report.write_reports import ReportRequest
 
 
@@ -104,6 +114,76 @@ class RunArguments:
                 check_targets(self.reports, read.files, self.output)
 
 
+Entry = TypeVar("Entry", bound=SuiteEntry)
+
+
+class Runs(Generic[Entry]):
+    """How entries are played: as they are, or in pairs with the base of ``--against``.
+
+    Attributes:
+        notes: what is said of all entries together.
+        needs_all: whether an error of one entry means that none is played.
+    """
+
+    notes: tuple[str, ...] = ()
+    needs_all = False
+
+    def __init__(self, options: RunArguments) -> None:
+        self.options = options
+
+    def name(self, entry: Entry) -> str:
+        """Return the name of a single run in the queue, and of its folder."""
+        options = self.options
+        return entry.name + ("-pairs" if options.compares else "-smoke" if options.smoke else "")
+
+    def check(self, entries: Sequence[Entry]) -> None:
+        """Refuse what a prepared entry shows; nothing is played yet.
+
+        An error of one of several entries is kept in it (`kept_error`).
+        """
+
+    def build(self, entry: Entry) -> None:
+        """Make what is played beside the spec; this call has the host."""
+
+    def estimate(self, entry: Entry) -> TimeEstimate:
+        """Return how long an entry will take."""
+        from r2bspec.compare.comparison_time import estimate_comparison
+        from r2bspec.plan.time_estimate import estimate_time
+
+        if not self.options.compares:
+            return estimate_time(entry.benchmark.plan)
+
+        return estimate_comparison(entry.benchmark.plan, self.options.pairs)
+
+    def play(self, entry: Entry, progress: Progress) -> Result:
+        """Play an entry into its folder."""
+        from r2bspec import api
+
+        options = self.options
+        if not options.compares:
+            return api.run(
+                entry.benchmark,
+                entry.folder,
+                progress,
+                wait_s=None,
+                anatomy=options.anatomy,
+                profile=options.profile or "",
+            )
+        return api.run_pairs(
+            entry.benchmark,
+            options.against,
+            entry.folder,
+            progress,
+            prepare_base=lambda reference: prepare_and_report(
+                base_selection(entry.selection, reference)
+            ),
+            pairs=options.pairs,
+            control=options.control,
+            force=options.force,
+            wait_s=None,
+        )
+
+
 @click.command("run")
 @click.argument("specs", nargs=-1, required=True, metavar="SPEC...")
 @shared_options.output_option
@@ -142,13 +222,23 @@ def command(
     """
     options = RunArguments(reports=reports, **others)
     options.check_resume()
-    from r2bspec.cli.run_single import run_single
-    from r2bspec.cli.run_suite import run_suite
+    from r2bspec.cli.run_specs import Runs, run_specs
 
     several = len(specs) > 1 or options.needs_suite or values["case"] == ALL_CASES
-    if not several and not _is_collection(specs[0]):
-        return run_single(SpecSelection(Path(specs[0]), **values), options)
-    return run_suite(specs, values, options)
+    if several or _is_collection(specs[0]):
+        return run_specs(selected_runs(specs, values, options), Runs(options), several=True)
+    entry = SuiteEntry(SpecSelection(Path(specs[0]), **values))
+    return run_specs([entry], Runs(options), several=False)
+
+
+def selected_runs(
+    specs: Sequence[str], values: SelectionValues, options: RunArguments
+) -> list[SuiteEntry]:
+    """Return the runs of several specs, with their cases and scanned values."""
+    from r2bspec.cli.check_files import spec_files
+
+    selection = SpecSelection(Path(), **values)
+    return suite_entries(selection, spec_files(specs), options.select, options.scan)
 
 
 def _is_collection(path: str) -> bool:

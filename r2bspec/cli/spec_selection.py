@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import fnmatch
 import itertools
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -216,8 +216,3 @@ def _scanned(
                 sets.append(f"{name}={value}")
         suffix = f"[{','.join(f'{name}={value}' for name, value in pairs)}]" if pairs else ""
         yield SuiteEntry(replace(selection, sets=tuple(sets), variables=variables), suffix)
-
-
-Playing = Generator[tuple[SuiteEntry, "SuiteRun"], None, None]
-"""Makes the runs of a suite, here or on other hosts, and yields each when it has ended; closing it
-ends the suite."""

@@ -31,7 +31,7 @@ def command(
 
     The exit status is 0, whatever has changed.
     """
-    from r2bspec.cli.run_suite import NAME_FIELD
+    from r2bspec.cli.suite import NAME_FIELD
     from r2bspec.compare.history import read_histories
     from r2bspec.report.format_registry import ReportUsageError
     from r2bspec.report.terminal import show_document

@@ -1,53 +1,41 @@
-"""Several runs, on this host or on a fleet, with one summary."""
+"""Several runs of one call: their folders, results of an earlier call, and the summary."""
 
 from __future__ import annotations
 
 import contextlib
 import datetime
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-import msgspec
 
 from r2bspec import api
 from r2bspec.api import folder_name
-from r2bspec.cli import run_single
-from r2bspec.cli.check_files import spec_files
-from r2bspec.cli.main import show_error
-from r2bspec.cli.spec_selection import (
-    Playing,
-    SpecSelection,
-    SuiteEntry,
-    prepare_and_report,
-    suite_entries,
-)
-from r2bspec.cli.text_output import queued_host
+from r2bspec.cli.spec_selection import SuiteEntry
 from r2bspec.compare.report_input import read_folder
-from r2bspec.diagnostics.quote import pluralize
 from r2bspec.errors import ExitStatus, R2bspecError
-from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.identity.identify_graph import changes_since
 from r2bspec.plan.canonical_json import plan_hash
-from r2bspec.plan.time_estimate import range_text
 from r2bspec.record.files import FolderTakenError, write_atomically
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.report import suite as suites
-from r2bspec.report.notes import notes
 from r2bspec.report.output import echo, echo_document
-from r2bspec.report.progress import RemainingTime
-from r2bspec.report.wording import headline
-from r2bspec.report.write_reports import STDOUT, ReportRequest, takes_stdout, write_report
+from r2bspec.report.write_reports import (
+    STDOUT,
+    ReportRequest,
+    takes_stdout,
+    write_folder_reports,
+    write_report,
+)
 from r2bspec.safe_io.private_files import private_files
 from r2bspec.safe_io.safe_file import is_regular
 
 if TYPE_CHECKING:
     from r2bspec.cli.run import RunArguments
     from r2bspec.judge.result import Result
-    from r2bspec.language.selected_spec import SelectionValues
 
 SUMMARY_FILE = "suite.json"
 """The summary in the folder of the suite; complete after each run."""
@@ -62,91 +50,36 @@ written again when ten times as long has passed as it took."""
 NAME_FIELD = "{name}"
 """In the path of a report: one file for each run."""
 
-
-Play = Callable[[SuiteEntry, "RunArguments", RemainingTime], "Result"]
-"""Makes the run of an entry."""
-
-
-def run_suite(specs: Sequence[str], values: SelectionValues, options: RunArguments) -> int:
-    """Play all runs on this host, and return the worst exit status.
-
-    Raises:
-        InterruptedRunError: a signal ended a run; the summary of the others has been written.
-    """
-    suite, entries = prepare_suite(specs, values, options)
-    with contextlib.ExitStack() as stack:
-        if any(entry.error is None for entry in entries):
-            seconds = sum(entry.seconds for entry in entries)
-            name = f"{len(entries)} benchmarks"
-            host = queued_host(name, seconds, options.wait_s, quiet=options.quiet)
-            stack.enter_context(host)
-        suite.create_folder()
-        suite.enter(entries)
-        return suite.run(announcement(entries), LocalExecutor(suite, options, _play).play(entries))
+Playing = Generator[tuple[SuiteEntry, suites.SuiteRun], None, None]
+"""Plays the runs of a suite, here or on other hosts, and yields each when it has ended; closing it
+ends the suite."""
 
 
-def prepare_suite(
-    specs: Sequence[str], values: SelectionValues, options: RunArguments
-) -> tuple[Suite, list[SuiteEntry]]:
-    """Return the suite of a call and its runs, each of them checked."""
-    entries = suite_entries(
-        SpecSelection(Path(), **values), spec_files(specs), options.select, options.scan
+def folder_line(folder: Path) -> str:
+    """Return the line that names a run folder."""
+    return f"run folder: {folder}"
+
+
+def suite_reports(reports: Iterable[ReportRequest]) -> tuple[ReportRequest, ...]:
+    """Return the reports that are not of single runs."""
+    return tuple(request for request in reports if NAME_FIELD not in request.path)
+
+
+def write_reports_of(options: RunArguments, folder: Path, spec: Path) -> None:
+    """Write the requested reports of a run folder."""
+    write_folder_reports(
+        options.reports, folder, spec, verbose=options.verbose, suite_page=options.suite_page
     )
-    suite = Suite.of(options)
-    with options.sparing_inputs():
-        for entry in entries:
-            prepare_entry(entry, options)
-    return suite, entries
-
-
-def _play(entry: SuiteEntry, options: RunArguments, remaining: RemainingTime) -> Result:
-    return run_single.execute(
-        options,
-        entry.folder,
-        entry.selection.spec,
-        remaining,
-        lambda progress: run_single.play(
-            entry.benchmark, entry.selection, options, entry.folder, progress
-        ),
-    )
-
-
-def announcement(entries: Sequence[SuiteEntry]) -> str:
-    """Return the line that says how many runs there are, and how long they will take."""
-    estimates = [entry.estimate for entry in entries if entry.estimate is not None]
-    times = (sum(each.least_s for each in estimates), sum(each.seconds for each in estimates))
-    return f"{pluralize(len(entries), 'run')}: {range_text(*times)}"
 
 
 def _check_reports(options: RunArguments) -> None:
-    for report in options.reports:
-        if report.format not in suites.SUITE_FORMATS and NAME_FIELD not in report.path:
+    for report in suite_reports(options.reports):
+        if report.format not in suites.SUITE_FORMATS:
             raise click.UsageError(
                 f"the summary of several runs has no format {report.format}: it has "
                 f"{', '.join(suites.SUITE_FORMATS)}; with {NAME_FIELD} in the path, as in "
                 f"{report.format}=reports/{NAME_FIELD}.{report.format}, each run has a report"
             )
-
-
-def prepare_entry(entry: SuiteEntry, options: RunArguments) -> None:
-    """Check a spec before anything runs; its error becomes that of its run."""
-    selection = entry.selection
-    try:
-        prepared = prepare_and_report(
-            selection,
-            smoke=options.smoke,
-            infos=options.verbose,
-        )
-    except R2bspecError as error:
-        show_error(error)
-        case = f"[{selection.case}]" if selection.case else ""
-        entry.name = f"{selection.spec.name.removesuffix('.r2b.yaml')}{case}{entry.suffix}"
-        entry.error = error
-        return
-    entry.name = f"{prepared.plan.name}{entry.suffix}"
-    named = msgspec.structs.replace(prepared.plan, name=entry.name)
-    entry.prepared = replace(prepared, plan=named)
-    entry.estimate = run_single.estimate_of(entry.prepared, options)
 
 
 def _assign_folders(entries: Sequence[SuiteEntry], root: Path) -> None:
@@ -191,13 +124,10 @@ class Suite:
             )
         return cls(root, options)
 
-    def create_folder(self) -> None:
-        """Create the folder of the suite."""
+    def enter(self, entries: Sequence[SuiteEntry]) -> None:
+        """Take the runs to play, each with its folder, and create the folder of the suite."""
         with private_files():
             self.root.mkdir(parents=True, exist_ok=True)
-
-    def enter(self, entries: Sequence[SuiteEntry]) -> None:
-        """Take the runs to play, each with its folder."""
         _assign_folders(entries, self.root)
         self._entries = entries
 
@@ -215,11 +145,11 @@ class Suite:
         except BaseException as error:
             # The folder of the suite is named below, and in place of that of the run.
             getattr(error, "__notes__", []).clear()
-            error.add_note(run_single.folder_line(self.root))
+            error.add_note(folder_line(self.root))
             raise
         finally:
             self._finish()
-        echo(run_single.folder_line(self.root), err=True)
+        echo(folder_line(self.root), err=True)
         return self._summary().exit_status
 
     def refuse(self) -> int:
@@ -229,7 +159,7 @@ class Suite:
                 entry.run = self.failed(entry, entry.error)
         self._skip_rest("the gate refuses another spec")
         self._finish()
-        echo(run_single.folder_line(self.root), err=True)
+        echo(folder_line(self.root), err=True)
         return self._summary().exit_status
 
     def _skip_rest(self, reason: str) -> None:
@@ -282,7 +212,7 @@ class Suite:
         """Write the reports of a run with a result, and return it as a row of the summary."""
         spec = entry.selection.spec
         self._results[str(entry.folder)] = result
-        run_single.write_reports_of(self.options_of(entry), entry.folder, spec)
+        write_reports_of(self.options_of(entry), entry.folder, spec)
         return suites.run_with_result(
             result,
             spec=str(spec),
@@ -306,10 +236,10 @@ class Suite:
         """Return the HTML page of the summary, where one was requested as a file."""
         pages = (
             request
-            for request in self._options.reports
+            for request in suite_reports(self._options.reports)
             if request.format == "html" and request.path != STDOUT
         )
-        return next((page for page in pages if NAME_FIELD not in page.path), None)
+        return next(pages, None)
 
     def _page_of(self, entry: SuiteEntry) -> str:
         """Return the HTML page of a run, where there is one."""
@@ -378,56 +308,13 @@ class Suite:
         """Write the summary to its file, to the requested reports, and to standard output."""
         self._write_summary()
         summary = self._summary()
-        requests = [report for report in self._options.reports if NAME_FIELD not in report.path]
+        requests = suite_reports(self._options.reports)
         for request in requests:
             content = suites.render(request.format, summary, self._results, request.path)
             write_report(request.path, content)
         if not takes_stdout(requests):
             shown = suites.render(self._options.output_format, summary, self._results)
             echo_document(shown, nl=False)
-
-
-@dataclass
-class LocalExecutor:
-    """Plays the runs of a suite on this host, one after another."""
-
-    suite: Suite
-    options: RunArguments
-    make: Play
-
-    def play(self, entries: Sequence[SuiteEntry]) -> Playing:
-        """Yield the runs in their order."""
-        for number, entry in enumerate(entries):
-            settled = self.suite.settled(entry)
-            yield entry, settled if settled is not None else self._make(number, entries)
-
-    def _make(self, number: int, entries: Sequence[SuiteEntry]) -> suites.SuiteRun:
-        entry = entries[number]
-        try:
-            result = self._play(number, entries)
-            run_single.show_differences(result, entry.benchmark)
-            return self.suite.keep(entry, result, resumed=False)
-        except InterruptedRunError as error:
-            self.suite.add(entry, self.suite.failed(entry, error))
-            raise
-        except R2bspecError as error:
-            show_error(error)
-            return self.suite.failed(entry, error)
-
-    def _play(self, number: int, entries: Sequence[SuiteEntry]) -> Result:
-        entry = entries[number]
-        assert entry.estimate is not None  # noqa: S101 - prepared specs have one
-        if not self.options.quiet:
-            echo(f"[{number + 1}/{len(entries)}] {entry.name}: {entry.estimate.text()}", err=True)
-        later_s = sum(later.seconds for later in entries[number + 1 :])
-        remaining = RemainingTime(entry.estimate, after_s=later_s)
-        result = self.make(entry, self.suite.options_of(entry), remaining)
-        if not self.options.quiet:
-            echo(f"  {headline(result)}", err=True)
-            first = notes(result).shown[:1] if result.verdict.outcome == "inconclusive" else ()
-            for sentence in (*first, *result.gate):
-                echo(f"  {sentence}", err=True)
-        return result
 
 
 def _move_away(folder: Path) -> None:
