@@ -21,7 +21,6 @@ itself. Both report the same error with the same code at the same place.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Set
-from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Literal
 
 import msgspec
@@ -38,13 +37,13 @@ from r2bspec.diagnostics.diagnostic import (
     Severity,
     Span,
 )
-from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
+from r2bspec.diagnostics.quote import quoted_list, suggestion
 from r2bspec.language.located_tree import ScalarNode, lookup
 from r2bspec.plan.wiring.name_resolution import expand
 from r2bspec.plan.wiring.node_interface import Interface, InterfaceSource
 from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring, WiredEndpoint
 from r2bspec.record.run_record import Difference
-from r2bspec.safe_io.safe_file import names_if_any
+from r2bspec.safe_io.file_search import near_path
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
@@ -140,17 +139,10 @@ PREPROCESS_FLOW = "feed"
 """The path of the messages from the bag through the preprocessors to the playback inputs."""
 
 
-def near_file(base: FilePath, written: str) -> str:
-    """Return help that names a file in the same folder with a similar name; empty if none has.
-
-    Args:
-        base: the folder to which the path is relative.
-        written: the path as the spec has it, which the proposed path follows.
-    """
-    path = base / written
-    close = did_you_mean(path.name, names_if_any(path.parent))
-    folder, slash, _ = written.rpartition("/")
-    return f"did you mean {quote(folder + slash + close)}?" if close else ""
+def path_help(context: Context, path: str) -> str:
+    """Return help for a path of a spec that leads to nothing."""
+    base = context.loaded.base_dir
+    return near_path(path, base) or f"paths are relative to the folder of the spec ({base})"
 
 
 def flow_key(phase: str) -> str:

@@ -25,7 +25,7 @@ from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 from r2bspec.safe_io import safe_file
-from r2bspec.safe_io.file_search import files_below, matching_files
+from r2bspec.safe_io.file_search import files_below, matching_files, near_path
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 from r2bspec.safe_io.looked_up_files import shared_lookups
 from r2bspec.safe_io.safe_file import is_folder
@@ -61,7 +61,8 @@ def _expand_path(path: str) -> list[str]:
         return [path]
     if glob.has_magic(path):
         return _require_files(matching_files(path), f"no file matches {path!r}")
-    raise click.UsageError(f"{path!r} does not exist")
+    near = near_path(path) or "a path of the command line is relative to the current folder"
+    raise click.UsageError(f"{path!r} does not exist; {near}")
 
 
 def _require_files(files: list[str], message: str) -> list[str]:

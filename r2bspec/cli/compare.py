@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from r2bspec.cli import shared_options
-from r2bspec.cli.run import RunArguments
+from r2bspec.cli.run import RunArguments, Runs
 from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection, SuiteEntry
 from r2bspec.errors import ExitStatus
 from r2bspec.language.quantities import Share
@@ -82,7 +82,7 @@ def command(
                 f"two specs are compared, not {len(what)}; 'r2bspec gate' takes a folder"
             )
         options = replace(options, against=what[:1])
-    from r2bspec.cli.run_specs import Runs, run_specs
+    from r2bspec.cli.run_specs import run_specs
 
     entry = SuiteEntry(SpecSelection(Path(what[-1]), **values))
     return run_specs([entry], Runs(options), several=False)

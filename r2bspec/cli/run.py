@@ -222,7 +222,7 @@ def command(
     """
     options = RunArguments(reports=reports, **others)
     options.check_resume()
-    from r2bspec.cli.run_specs import Runs, run_specs
+    from r2bspec.cli.run_specs import run_specs
 
     several = len(specs) > 1 or options.needs_suite or values["case"] == ALL_CASES
     if several or _is_collection(specs[0]):

@@ -16,6 +16,7 @@ from r2bspec.bags import recording
 from r2bspec.bags.bag_writer import OFFERED_QOS
 from r2bspec.datasets import rig
 from r2bspec.diagnostics.quote import clip, did_you_mean, quote
+from r2bspec.safe_io.file_search import near_path
 from r2bspec.safe_io.safe_file import is_folder, is_there, names_in
 
 DURATION_NS = 10_000_000_000
@@ -206,7 +207,8 @@ def locate(bag: str, base_dir: Path) -> recording.BagLocation:
         raise recording.DataError(
             f"{path} does not exist",
             code="R2B301",
-            hint=f"paths are relative to {base_dir}; a dataset name has no '/'",
+            hint=near_path(bag, base_dir)
+            or f"paths are relative to {base_dir}; a dataset name has no '/'",
         )
     return locate_dataset(bag)
 

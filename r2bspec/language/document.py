@@ -24,6 +24,7 @@ from r2bspec.diagnostics import Diagnostic, Edit, Related, Severity, Span
 from r2bspec.diagnostics.diagnostic import DiagnosticParts, split_lines
 from r2bspec.language.located_tree import TreeNode
 from r2bspec.safe_io import safe_file
+from r2bspec.safe_io.file_search import near_path
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 
 _FORBIDDEN_ASCII = re.compile("[^\t\n\r\x20-\x7e]")
@@ -82,7 +83,7 @@ def read_file(path: FilePath, folders: Iterable[FilePath] = ()) -> Source:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         message = f"cannot read the file: {reason}"
-        return _unreadable(Source(file, ""), "R2B001", message, _reading_help(error))
+        return _unreadable(Source(file, ""), "R2B001", message, _reading_help(path, error))
     return decode(data, file)
 
 
@@ -109,7 +110,9 @@ def _too_large(file: str) -> Source:
     return _unreadable(Source(file, ""), "R2B002", message, help_text)
 
 
-def _reading_help(error: Exception) -> str:
+def _reading_help(path: FilePath, error: Exception) -> str:
+    if isinstance(error, FileNotFoundError):
+        return near_path(path) or "a path of the command line is relative to the current folder"
     if isinstance(error, safe_file.OutsideFolderError):
         return "copy the file here, or keep both in one work tree of git"
     hint = error.hint if isinstance(error, safe_file.RefusedFileError) else ""

@@ -16,7 +16,7 @@ from pathlib import Path as FilePath
 
 from msgspec.structs import replace
 
-from r2bspec.diagnostics import Related, Span, did_you_mean
+from r2bspec.diagnostics import Related, Span
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language import located_tree as tree
 from r2bspec.language.declaration import ValueRule, language
@@ -24,7 +24,8 @@ from r2bspec.language.document import Document, read_file, readable_folders
 from r2bspec.language.variables import OPENING
 from r2bspec.language.yaml_document import compose
 from r2bspec.safe_io import limits
-from r2bspec.safe_io.safe_file import is_regular, names_in
+from r2bspec.safe_io.file_search import near_path
+from r2bspec.safe_io.safe_file import is_regular
 
 
 def overlay(base: tree.MapNode, own: tree.MapNode) -> tree.MapNode:
@@ -135,7 +136,7 @@ class _Chain:
             return None
         folder = posixpath.dirname(extending.replace(os.sep, "/"))
         file = posixpath.normpath(posixpath.join(folder, text))
-        real = self._readable_path(node, FilePath(file), text)
+        real = self._readable_path(node, FilePath(folder), text)
         if real is None:
             return None
         if real in self._files:
@@ -160,11 +161,12 @@ class _Chain:
         done = rebase_paths(whole, language(), moved) if moved else whole
         return done if isinstance(done, tree.MapNode) else None
 
-    def _readable_path(self, node: tree.ScalarNode, path: FilePath, text: str) -> FilePath | None:
+    def _readable_path(self, node: tree.ScalarNode, folder: FilePath, text: str) -> FilePath | None:
         """Return the real path of a file that may be read.
 
         None if the reason why not is reported.
         """
+        path = FilePath(os.path.normpath(folder / text))
         try:
             real = path.resolve()
             # The configuration of a repository may have a token.
@@ -184,7 +186,8 @@ class _Chain:
             )
         elif not there:
             message = f"file not found: {quote(text)}"
-            self._problems.error("R2B133", message, node.span, _suggest_file(path))
+            help_text = near_path(text, folder) or "paths are relative to this file"
+            self._problems.error("R2B133", message, node.span, help_text)
         else:
             return real
         return None
@@ -207,12 +210,3 @@ class _Chain:
                 related=(Related("the content of the file", Span.of_file(file)),),
             )
         return None
-
-
-def _suggest_file(path: FilePath) -> str:
-    try:
-        names = [name for name in names_in(path.parent) if name.endswith(".yaml")][:100]
-    except (OSError, ValueError):
-        return f"folder not found: {quote(str(path.parent))}"
-    close = did_you_mean(path.name, names)
-    return f"did you mean {quote(close)}?" if close else "paths are relative to this file"

@@ -12,12 +12,16 @@ from itertools import islice
 from pathlib import Path
 from typing import Final
 
+from r2bspec.diagnostics.quote import did_you_mean, quote
 from r2bspec.errors import UsageError
 from r2bspec.safe_io.limits import MAX_SEARCHED_ENTRIES, MAX_SEARCHED_FOLDERS
 from r2bspec.safe_io.looked_up_files import is_noting, note_lookup
+from r2bspec.safe_io.safe_file import is_there, names_if_any
 
 _ANY_FOLDERS: Final = "**"
 _MAX_NOTED: Final = 10_000
+_MAX_FOLDERS_UP: Final = 3
+_MAX_FOLDERS_BELOW: Final = 100
 
 
 def matching_files(pattern: str) -> list[str]:
@@ -60,6 +64,37 @@ def files_below(folder: str, parts: Sequence[str], searched: str) -> list[str]:
             seen.add((place, depth))
             pending += search.step(place, depth, device)
     return sorted(found)
+
+
+def near_path(path: str | Path, base: Path = Path()) -> str:
+    """Return a question with the path that may be meant by one that leads to nothing, if any.
+
+    It is relative to another folder, above or below, or to the current one; or a name is misspelt.
+
+    Args:
+        path: relative to `base`.
+        base: the folder of a spec, or the current folder.
+    """
+    if Path(path).is_absolute():
+        meant = _similar(Path(path))
+        return f"did you mean {quote(str(meant))}?" if meant is not None else ""
+    above = (base.joinpath(*[".."] * up) for up in range(1, _MAX_FOLDERS_UP + 1))
+    below = (base / name for name in names_if_any(base)[:_MAX_FOLDERS_BELOW])
+    places = (folder / path for folder in (Path(), *above, *below))
+    meant = next(filter(is_there, places), None) or _similar(base / path)
+    return f"did you mean {quote(os.path.relpath(meant, base))}?" if meant is not None else ""
+
+
+def _similar(path: Path) -> Path | None:
+    """Return a path that exists, and whose names are similar; None if there is none."""
+    place = Path(path.anchor)
+    for name in path.parts[len(place.parts) :]:
+        if not is_there(place / name):
+            name = did_you_mean(name, names_if_any(place))
+            if not name:
+                return None
+        place /= name
+    return place
 
 
 def walk(folder: Path) -> Iterator[tuple[Path, list[str], list[str]]]:

@@ -19,7 +19,7 @@ from r2bspec.check.rule import (
     Findings,
     as_version_warning,
     flow_key,
-    near_file,
+    path_help,
     rule,
     topic_key,
     value_key,
@@ -174,8 +174,7 @@ def parameter_file_unusable(context: Context) -> Findings:
                 if file.missing
                 else f"parameter file {quote(name)} {problem}",
                 path=path,
-                help=near_file(context.loaded.base_dir, name)
-                or f"paths are relative to the folder of the spec ({context.loaded.base_dir})"
+                help=path_help(context, name)
                 if file.missing
                 else advice,
                 suppresses={value_key(path)},

@@ -15,7 +15,7 @@ from pathlib import Path as FilePath
 from msgspec.structs import replace
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.rule import Finding, Findings, Pointer, near_file, rule, value_key
+from r2bspec.check.rule import Finding, Findings, Pointer, path_help, rule, value_key
 from r2bspec.check.rules.node_settings import parameter_files
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, quoted_list, suggestion
@@ -26,6 +26,7 @@ from r2bspec.plan.this_machine import ament_prefixes, find_module, module_file
 from r2bspec.plan.wiring import node_interface
 from r2bspec.plan.wiring.console_scripts import source_script
 from r2bspec.plan.wiring.python_files import read_python_file, source_folder
+from r2bspec.safe_io.file_search import near_path
 from r2bspec.safe_io.safe_file import is_folder, is_regular, names_if_any
 
 
@@ -42,8 +43,7 @@ def launch_file_not_found(context: Context) -> Findings:
             yield Finding(
                 message=f"launch file {quote(launch.path)} not found",
                 path=(*node.path, "launch", "path"),
-                help=near_file(context.loaded.base_dir, launch.path)
-                or f"paths are relative to the folder of the spec ({context.loaded.base_dir}); "
+                help=f"{path_help(context, launch.path)}; "
                 "for a launch file of a package use 'package' and 'file'",
             )
         elif (share := installed_packages.package_share(launch.package)) is not None:
@@ -78,7 +78,7 @@ def program_not_found(context: Context) -> Findings:
         if "/" in program:
             exists = is_regular(folder / program)
             message = f"program {quote(program)} not found"
-            advice = near_file(folder, program) or (
+            advice = near_path(program, folder) or (
                 f"the path is relative to its working folder ({folder}); build it before the run"
             )
         else:
@@ -302,8 +302,7 @@ def _unusable_file(
             message=f"Python file {quote(written)} not found",
             path=path,
             part=(0, len(written)),
-            help=near_file(context.loaded.base_dir, written)
-            or f"paths are relative to the folder of the spec ({context.loaded.base_dir})",
+            help=path_help(context, written),
         )
     try:
         if target.readable:

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
 
+import click
 import msgspec
 import pytest
 
@@ -33,6 +34,50 @@ def test_a_folder_in_place_of_one_spec_is_answered_with_its_specs(
 ) -> None:
     (spec := tmp_path / "a.r2b.yaml").write_text("")
     assert f"is a folder: name one spec, such as {spec}" in call("plan", tmp_path, status=2).err
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("a.r2b.yaml", "specs/a.r2b.yaml"),
+        ("spces/a.r2b.yaml", "specs/a.r2b.yaml"),
+        ("specs/A.r2b.yml", "specs/a.r2b.yaml"),
+        ("other/b.r2b.yaml", "../other/b.r2b.yaml"),
+        ("/".join(["x"] * 2000), ""),
+    ],
+)
+@pytest.mark.parametrize("verb", ["validate", "run", "plan"])
+def test_a_path_that_leads_to_nothing_is_answered_with_the_path_that_works(
+    verb: str,
+    written: str,
+    meant: str,
+    tmp_path: Path,
+    call: Call,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    here = tmp_path / "here"
+    for spec in (here / "specs/a.r2b.yaml", tmp_path / "other/b.r2b.yaml"):
+        spec.parent.mkdir(parents=True)
+        spec.touch()
+    monkeypatch.chdir(here)
+    said = " ".join(call(verb, written, status=2).err.split())
+    assert f"did you mean '{meant}'?" in said if meant else "relative to the current folder" in said
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_verb_has_at_most_18_options(verb: str) -> None:
+    """Of those that click knows, with the hidden ones and --help; of a group those of a verb."""
+    context = click.Context(cli.command)
+    top = cli.command.get_command(context, verb)
+    subs = top.commands.values() if isinstance(top, click.Group) else [top]
+    for command in subs:
+        assert command is not None
+        options = [each for each in command.get_params(context) if isinstance(each, click.Option)]
+        assert len(options) <= 18, command.name
+
+
+def test_there_are_at_most_17_verbs() -> None:
+    assert len(VERBS) <= 17
 
 
 def folder_of_a_stranger(folder: Path, names: set[str]) -> None:
