@@ -6,7 +6,7 @@ import contextlib
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -21,6 +21,9 @@ from r2bspec.language.quantities import Duration
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 from r2bspec.safe_io.limits import MAX_IGNORE_FILE_BYTES
+
+if TYPE_CHECKING:
+    from r2bspec.language.spec import Spec
 
 _DEFAULT_NAME = "my_benchmark"
 _SLOS = re.compile("^slos:", re.MULTILINE)
@@ -95,12 +98,17 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     help="The nodes of the ROS graph that is running, with their topics, types and QoS.",
 )
 @click.option(
+    "--probe",
+    is_flag=True,
+    help="With --node: start it once, if its source does not tell all its topics, and record them.",
+)
+@click.option(
     "--timeout",
     "timeout_s",
     type=click.FloatRange(min=1, max=600),
     default=10.0,
     show_default=True,
-    help="With --from-graph: how many seconds to wait for the first node.",
+    help="With --from-graph and --probe: how many seconds to wait for the first node.",
 )
 @click.option("--list", "show_list", is_flag=True, help="List the templates.")
 def init_command(
@@ -112,6 +120,7 @@ def init_command(
     launch: str,
     launch_arguments: tuple[str, ...],
     graph: bool,
+    probe: bool,
     timeout_s: float,
     show_list: bool,
 ) -> int:
@@ -137,52 +146,73 @@ def init_command(
 
         node = find_node(node, spec_file.parent)
     _check_node(node, template)
-    if parameter_file and not node:
-        raise click.UsageError("--params-file needs --node")
+    if (parameter_file or probe) and not node:
+        raise click.UsageError(f"{'--probe' if probe else '--params-file'} needs --node")
     if has_sources and template != "minimal":
         raise click.UsageError("--template cannot be combined with --from-...")
     schema = f"./{FILE_NAME}" if spec_file.with_name(FILE_NAME).is_file() else ""
-    text = why_no_topics = ""
-    findings: tuple[Diagnostic, ...] = ()
-    if has_sources or node:
-        from r2bspec.authoring import sources
+    chosen = click.get_current_context().get_parameter_source("template")
+    is_default = chosen is click.core.ParameterSource.DEFAULT
+    arguments = _launch_arguments(launch_arguments)
 
-        folder = spec_file.parent
-        if node:
-            sources.check_node_file(node, folder)
-        chosen = click.get_current_context().get_parameter_source("template")
-        is_default = chosen is click.core.ParameterSource.DEFAULT
-        if node and not has_sources:
-            why_no_topics = sources.why_no_topics(node, folder)
-        if has_sources or parameter_file or (is_default and not why_no_topics):
-            given = sources.InitSources(
-                bag,
-                launch,
-                _launch_arguments(launch_arguments),
-                graph,
-                node,
-                parameter_file,
-                timeout_s,
-            )
-            first = sources.spec_from_sources(benchmark, folder, given)
-            text, findings = filled(first.text, None, schema), first.findings
-    text = text or filled(with_node(templates()[template], node), benchmark, schema)
+    def drafted() -> tuple[str, tuple[Diagnostic, ...], str]:
+        """Return the spec, findings about its sources, and why no topics of the node are known."""
+        text = why_no_topics = ""
+        findings: tuple[Diagnostic, ...] = ()
+        if has_sources or node:
+            from r2bspec.authoring import sources
+
+            folder = spec_file.parent
+            if node:
+                sources.check_node_file(node, folder)
+            if node and not has_sources:
+                why_no_topics = sources.why_no_topics(node, folder)
+            if has_sources or parameter_file or (is_default and not why_no_topics):
+                given = sources.InitSources(
+                    bag, launch, arguments, graph, node, parameter_file, timeout_s
+                )
+                first = sources.spec_from_sources(benchmark, folder, given)
+                text, findings = filled(first.text, None, schema), first.findings
+        text = text or filled(with_node(templates()[template], node), benchmark, schema)
+        return text, findings, why_no_topics
+
+    text, findings, why_no_topics = drafted()
+    failed = 0
+    if probe and (why_no_topics or _lacks_outputs(text)):
+        spec = _draft_spec(text, spec_file)
+        key = next(key for key, each in spec.graph.nodes.items() if each.python == node)
+        failed = _record(spec, spec_file.parent, (key,), timeout_s)
+        text, findings, why_no_topics = drafted()
     _write_new({spec_file: text})
     print_findings("text", findings, {}, (), err=True)
     if why_no_topics:
         echo(f"The topics of {node} are not known, so 'input' and 'output' stand for them:")
         echo(f"  {why_no_topics}")
     echo(f"created {spec_file}. Next:")
-    if node and (why_no_topics or _lacks_outputs(text)):
-        echo(f"  r2bspec interfaces {spec_file}    starts {node} to find out its topics; then")
-        echo(f"  rm {spec_file}, and this 'init' again: it knows them")
+    if not probe and node and (why_no_topics or _lacks_outputs(text)):
+        echo(f"  rm {spec_file}, and this 'init' again with --probe, which starts {node}")
     echo(f"  r2bspec validate {spec_file}    checks it")
     judges = "judges it by its 'slos:'" if _SLOS.search(text) else "judges nothing: add 'slos:'"
     echo(f"  r2bspec run {spec_file}         runs it and {judges}")
     if _git_would_add_runs():
         echo("Runs are stored below runs/, which git does not ignore yet:")
         echo("  echo runs/ >> .gitignore")
-    return ExitStatus.OK
+    return ExitStatus.RUN_FAILED if failed else ExitStatus.OK
+
+
+def _draft_spec(text: str, spec_file: Path) -> Spec:
+    """Return a draft as it would be read.
+
+    Raises:
+        InvalidSpecError: a placeholder is not valid in it.
+    """
+    from r2bspec.api import InvalidSpecError
+    from r2bspec.language.load_spec import load_spec
+
+    loaded = load_spec(text, file=str(spec_file))
+    if loaded.spec is None:
+        raise InvalidSpecError(loaded, loaded.diagnostics)
+    return loaded.spec
 
 
 def _launch_arguments(written: tuple[str, ...]) -> dict[str, str]:
@@ -329,7 +359,6 @@ def interfaces_command(
     nodes are left out.
     """
     from r2bspec.api import InvalidSpecError, load
-    from r2bspec.introspect import record_interfaces
 
     try:
         loaded = load(spec, **values)
@@ -342,12 +371,20 @@ def interfaces_command(
             close = did_you_mean(name, nodes)
             hint = f"; did you mean {close!r}?" if close else f"; nodes: {', '.join(nodes)}"
             raise click.UsageError(f"the spec has no node {name!r}{hint}")
+    failed = _record(loaded, spec.parent, only, timeout.seconds)
+    return ExitStatus.RUN_FAILED if failed else ExitStatus.OK
+
+
+def _record(spec: Spec, folder: Path, only: tuple[str, ...], timeout_s: float) -> int:
+    """Start nodes, and write their interfaces; return how many could not be inspected."""
+    from r2bspec.introspect import record_interfaces
+
     failed = 0
     for node, found in record_interfaces(
-        loaded,
-        spec.parent,
+        spec,
+        folder,
         only=only,
-        timeout_s=timeout.seconds,
+        timeout_s=timeout_s,
         on_node=lambda name: echo(f"starting {name}", err=True),
     ):
         if isinstance(found, R2bspecError):
@@ -356,8 +393,8 @@ def interfaces_command(
             if found.hint:
                 echo(f"  help: {found.hint}", err=True)
         else:
-            echo(_write_interface(spec.parent, node, found))
-    return ExitStatus.RUN_FAILED if failed else ExitStatus.OK
+            echo(_write_interface(folder, node, found))
+    return failed
 
 
 def _write_interface(folder: Path, name: str, interface: dict[str, Any]) -> str:
