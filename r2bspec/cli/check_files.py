@@ -115,19 +115,23 @@ def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileRep
     """
     # Documents are trees: frequent collection of cycles takes time and frees nothing.
     gc.set_threshold(50_000, 20, 20)
-    from r2bspec.cli.internal_error import InternalError, UncheckedFiles
+    from r2bspec.cli.internal_error import InternalError
 
     check = partial(check_file, options=options)
-    failures = UncheckedFiles()
+    failures: list[tuple[str, InternalError]] = []
     with shared_lookups():
         for file in files:
             try:
                 report = naming_the_file(check, file)
             except InternalError as error:
-                failures.add(file, error)
+                failures.append((file, error))
             else:
                 yield report
-    failures.raise_first()
+    if failures:
+        (_, first), *others = failures
+        if others:
+            first.hint = f"Not checked either: {', '.join(repr(file) for file, _ in others)}."
+        raise first
 
 
 def naming_the_file(check: Callable[[str], T], file: str) -> T:
@@ -141,9 +145,9 @@ def naming_the_file(check: Callable[[str], T], file: str) -> T:
     except (R2bspecError, click.ClickException, click.exceptions.Exit):
         raise
     except Exception as error:
-        from r2bspec.cli.internal_error import Crash, InternalError
+        from r2bspec.cli.internal_error import InternalError
 
-        raise InternalError(Crash.of(error, f"while checking {file!r}")) from error
+        raise InternalError(error, f"while checking {file!r}") from error
 
 
 def check_file(file: str, options: CheckOptions) -> FileReport:

@@ -178,11 +178,11 @@ def main(argv: list[str] | None = None) -> int:
             gone = UsageError("the current folder was removed", hint="Change to one that exists.")
             show_error(gone)
             return gone.exit_code
-        from r2bspec.cli.internal_error import Crash, InternalError
+        from r2bspec.cli.internal_error import InternalError
         from r2bspec.execute.processes.prerequisites import limit_error
 
         limit = limit_error(f"{type(error).__name__}: {error}")
-        failure = limit or InternalError(Crash.of(error))
+        failure = limit or InternalError(error)
         for note in getattr(error, "__notes__", ()):
             failure.add_note(note)
         show_error(failure)
