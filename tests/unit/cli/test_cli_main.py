@@ -67,7 +67,7 @@ def test_a_path_that_leads_to_nothing_is_answered_with_the_path_that_works(
 @pytest.mark.parametrize("verb", VERBS)
 def test_a_verb_has_at_most_18_options(verb: str) -> None:
     """Of those that click knows, with the hidden ones and --help; of a group those of a verb."""
-    context = click.Context(cli.command)
+    context = click.Context(cli.command, **cli.command.context_settings)
     top = cli.command.get_command(context, verb)
     subs = top.commands.values() if isinstance(top, click.Group) else [top]
     for command in subs:
