@@ -82,7 +82,11 @@ def near_path(path: str | Path, base: Path = Path()) -> str:
     below = (base / name for name in names_if_any(base)[:_MAX_FOLDERS_BELOW])
     places = (folder / path for folder in (Path(), *above, *below))
     meant = next(filter(is_there, places), None) or _similar(base / path)
-    return f"did you mean {quote(os.path.relpath(meant, base))}?" if meant is not None else ""
+    if meant is None:
+        return ""
+    near = os.path.relpath(meant, base)
+    dot = "./" if str(path).startswith("./") and not near.startswith(".") else ""
+    return f"did you mean {quote(dot + near)}?"
 
 
 def _similar(path: Path) -> Path | None:

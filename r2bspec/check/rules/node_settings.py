@@ -174,9 +174,7 @@ def parameter_file_unusable(context: Context) -> Findings:
                 if file.missing
                 else f"parameter file {quote(name)} {problem}",
                 path=path,
-                help=path_help(context, name)
-                if file.missing
-                else advice,
+                help=path_help(context, name) if file.missing else advice,
                 suppresses={value_key(path)},
                 suppressed_by={value_key(path)},
             )
