@@ -31,6 +31,7 @@ from r2bspec.record.run_folder import FOLDER_ENTRIES
 from r2bspec.safe_io.safe_file import is_folder
 
 _RESULT: Final = "result.json"
+_RUN_FILES: Final = frozenset({"record.json", "pairs.json"})
 
 
 class HistoryResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -139,6 +140,8 @@ def _differences(before: dict[str, str], after: dict[str, str]) -> Iterator[str]
 class HistoryError(UnreadableResultError):
     """There is no result to show."""
 
+    way_out = "Name run folders or result.json files; 'r2bspec judge --write RUN' makes the latter."
+
 
 def read_histories(paths: Iterable[Path]) -> tuple[list[History], list[str]]:
     """Read the results of files and folders.
@@ -176,7 +179,10 @@ def _files(paths: Iterable[Path]) -> Iterator[Path]:
             yield path
             continue
         for folder, folders, files in os.walk(path):
-            if _RESULT in files and not FOLDER_ENTRIES.isdisjoint({*folders, *files} - {_RESULT}):
+            entries = {*folders, *files} - {_RESULT}
+            # A run that was not judged is one of the files that are left out.
+            is_run = not _RUN_FILES.isdisjoint(files)
+            if is_run or (_RESULT in files and not FOLDER_ENTRIES.isdisjoint(entries)):
                 folders[:], files = [], [_RESULT]
             folders.sort()
             for name in sorted(files):

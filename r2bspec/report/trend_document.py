@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 from statistics import median
@@ -13,6 +14,7 @@ from r2bspec.compare.history import Change, History, MetricHistory
 from r2bspec.diagnostics.plain_text import harmless, plain_values
 from r2bspec.diagnostics.quote import pluralize
 from r2bspec.judge.measure.units import at_rate, show
+from r2bspec.judge.statistics.change_points import MIN_RESULTS
 from r2bspec.report.csv_formats import csv_text
 from r2bspec.report.document import (
     Cell,
@@ -112,11 +114,16 @@ def trend_document(
 
 def _blocks(history: History) -> Iterator[Table | Paragraph]:
     first, last = history.results[0], history.results[-1]
-    span = f"{pluralize(len(history.results), 'result')} from {first.called} to {last.called}"
+    span = pluralize(len(history.results), "result")
+    span += f" from {first.called} to {last.called}" if last is not first else f": {first.called}"
     # What has changed stands first.
     metrics = sorted(history.metrics, key=lambda metric: not metric.changes)
     rows = tuple(_row(history, metric) for metric in metrics)
     yield Table(history.name, _COLUMNS, rows, aside=span)
+    counts = Counter(result.environment for result in history.results)
+    if max(counts.values()) < MIN_RESULTS:
+        text = f"A change point takes at least {MIN_RESULTS} results of the same environment."
+        yield Paragraph(text, quiet=True)
     for text in _environment_texts(history):
         yield Paragraph(text, quiet=True)
 

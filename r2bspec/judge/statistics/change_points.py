@@ -41,6 +41,9 @@ LEVEL: Final = 0.0005
 """The probability of a false change point in a window."""
 
 _MIN_SIDE: Final = 3
+MIN_RESULTS: Final = 2 * _MIN_SIDE
+"""Fewer values have no change point."""
+
 _WINDOW: Final = 50
 _LIMIT: Final = 3 * 1.4826
 """In median absolute deviations."""
@@ -115,7 +118,7 @@ class _Search:
 
     def split(self, start: int, end: int) -> list[int]:
         """Return the candidates between two places, in order."""
-        if end - start < 2 * _MIN_SIDE:
+        if end - start < MIN_RESULTS:
             return []
         best = min(self.test(*window) for window in _windows(start, end))
         if best.error > self._level:

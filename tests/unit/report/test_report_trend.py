@@ -100,9 +100,24 @@ def test_files_that_are_no_results_are_named_and_left_out(
     (tmp_path / "note.txt").write_text("not looked at")
     incomplete = msgspec.structs.replace(result, status="incomplete", reason="was killed")
     (tmp_path / "killed.json").write_bytes(to_json(incomplete))
+    (tmp_path / "unjudged" / "head").mkdir(parents=True)
+    (tmp_path / "unjudged" / "record.json").write_text("{}")
+    (tmp_path / "unjudged" / "head" / "record.json").write_text("{}")
     said = call("trend", tmp_path, slower, status=0).out
-    assert all(f"{name}.json" in said for name in ("foreign", "broken", "binary", "gone", "killed"))
+    names = ("foreign", "broken", "binary", "gone", "killed", "unjudged/result")
+    assert all(f"{name}.json" in said for name in names)
+    assert "head" not in said
     assert "note.txt" not in said
+
+
+@pytest.mark.parametrize(("number", "is_said"), [(1, True), (5, True), (6, False)])
+def test_it_is_said_if_there_are_too_few_results_for_a_change_point(
+    tmp_path: Path, result: Result, number: int, is_said: bool
+) -> None:
+    write_history(tmp_path, result, noisy(number, {}))
+    text = render("text", [history(tmp_path)], ()).decode()
+    assert ("A change point takes at least 6 results" in text) is is_said
+    assert ("1 result: b6589fc" in text) is (number == 1)
 
 
 def test_a_folder_without_results_is_an_error(call: Call, tmp_path: Path) -> None:
