@@ -275,38 +275,59 @@ def queued_host(
 def _run_in_folder(
     folder: RunFolder, prepared: PreparedBenchmark, progress: Progress, options: RunOptions
 ) -> Result:
-    from r2bspec.check.rule import differences_to_diagnostics, failure_to_diagnostics
     from r2bspec.execute.controller import run_plan
+
+    with _failures_at_their_places(prepared.loaded):
+        try:
+            run_plan(
+                prepared.plan,
+                base_dir=prepared.base_dir,
+                folder=folder,
+                run_id=secrets.token_hex(8),
+                spec_text=prepared.spec_text,
+                progress=progress,
+                options=options,
+            )
+        except R2bspecError:
+            # Write a result of what was measured, marked as incomplete; if that fails, too, the
+            # first failure is reported.
+            with contextlib.suppress(R2bspecError, OSError):
+                _write_result(folder)
+            raise
+    return _write_result(folder)
+
+
+@contextlib.contextmanager
+def _failures_at_their_places(
+    loaded: LoadedSpec | None, base: LoadedSpec | None = None
+) -> Iterator[None]:
+    """Raise failures of the runs of a block with their places in the spec, where they have any.
+
+    Args:
+        loaded: the spec that is run.
+        base: the spec of the base of a comparison, if a user has named it.
+    """
+    from r2bspec.check.rule import differences_to_diagnostics, failure_to_diagnostics
+    from r2bspec.compare.interleaved_comparison import BaseFailsError
     from r2bspec.execute.errors import GraphDifferencesError as Differs
     from r2bspec.execute.errors import RunError
 
     try:
-        run_plan(
-            prepared.plan,
-            base_dir=prepared.base_dir,
-            folder=folder,
-            run_id=secrets.token_hex(8),
-            spec_text=prepared.spec_text,
-            progress=progress,
-            options=options,
-        )
+        yield
     except R2bspecError as error:
-        # Write a result of what was measured, marked as incomplete; if that fails, too, the first
-        # failure is reported.
-        with contextlib.suppress(R2bspecError, OSError):
-            _write_result(folder)
-        loaded = prepared.loaded
-        if isinstance(error, Differs) and loaded is not None:
-            mismatches = differences_to_diagnostics(error.differences, loaded)
-            raise GraphMismatchError(error, loaded, mismatches, error.details) from error
-        if isinstance(error, RunError) and error.blamed and loaded is not None:
-            text, output = split_output(str(error))
-            at = failure_to_diagnostics(text, error.code, error.hint, error.blamed, loaded)
-            if at:
-                output = output and f"{OUTPUT_FOLLOWS}{output}"
-                raise GraphMismatchError(error, loaded, at, output) from error
+        failure = error.__cause__ if isinstance(error, BaseFailsError) else error
+        of = loaded if failure is error else base
+        if of is None or not isinstance(failure, RunError):
+            raise
+        if isinstance(failure, Differs):
+            mismatches = differences_to_diagnostics(failure.differences, of)
+            raise GraphMismatchError(error, of, mismatches, failure.details) from error
+        text, output = split_output(str(error))
+        at = failure_to_diagnostics(text, error.code, failure.hint, failure.blamed, of)
+        if failure.blamed and at:
+            output = output and f"{OUTPUT_FOLLOWS}{output}"
+            raise GraphMismatchError(error, of, at, output) from error
         raise
-    return _write_result(folder)
 
 
 def _write_result(folder: RunFolder) -> Result:
@@ -376,7 +397,10 @@ def run_pairs(
     name = f"{head.plan.name}-pairs"
     listener = progress or Progress()
     seconds = estimate_comparison(head.plan, pairs).seconds
-    with queued_host(name, seconds, wait_s, listener):
+    with (
+        queued_host(name, seconds, wait_s, listener),
+        _failures_at_their_places(head.loaded, base.loaded),
+    ):
         return compare(comparison, output or default_run_folder(name), progress)
 
 
@@ -443,7 +467,8 @@ def run_gated(
             check_run=sides.check,
         )
         try:
-            return compare(comparison, output, progress)
+            with _failures_at_their_places(compared.head.loaded):
+                return compare(comparison, output, progress)
         except BaseFailsError as error:
             sides = gate.alone_without_base(compared, error)
             # What was played is kept, beside the run of the head.

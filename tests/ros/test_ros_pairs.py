@@ -104,6 +104,8 @@ def test_a_head_that_dies_never_passes(bench: Bench) -> None:
     done = bench.compare(spec, "--against", str(base), "--pairs", "1")
     assert (done.status, done.outcome) == (4, "incomplete")
     assert "the head failed" in done.stderr
+    assert re.search(r"yaml:\d+:\d+: error\[R2B631[^\n]+relay exited with status 3", done.stderr)
+    assert "Its last output:\nno such kernel" in done.stderr
     pairs = open_comparison(done.folder)
     assert pairs.usable_pairs() == ()
     assert (Path(done.folder) / "head" / "001-again" / "record.json").exists()
@@ -116,6 +118,10 @@ import os
 class Dying(Node):
     def __init__(self, **kwargs):
         super().__init__("relay", **kwargs)
-        self.create_subscription(Image, "input", lambda _: os._exit(3), 10)
+        self.create_subscription(Image, "input", self.die, 10)
         self.create_publisher(Image, "output", 10)
+
+    def die(self, _):
+        print("no such kernel", flush=True)
+        os._exit(3)
 """
