@@ -42,3 +42,12 @@ def html_page(reported: Callable[[str], ReportInput]) -> Callable[[str], bytes]:
     from r2bspec.report.html.page import render
 
     return cache(lambda name: render(reported(name)))
+
+
+@pytest.fixture
+def without_charts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages have no charts, which take most of their time: for tests of their words and links."""
+    from r2bspec.report.html import page
+
+    for name in ("_measurement_charts", "_load_charts"):
+        monkeypatch.setattr(page, name, lambda _: ())

@@ -175,11 +175,11 @@ def test_a_folder_is_run_to_its_end_with_the_worst_status(played: list[str], cal
     assert not [*Path().rglob("*.html")], "nobody has asked for a page"
 
 
+@pytest.mark.usefixtures("without_charts")
 @pytest.mark.parametrize("own", [False, True])
 def test_the_page_of_a_suite_leads_to_its_runs_and_each_of_them_back(
-    played: list[str], own: bool, call: Call, monkeypatch: pytest.MonkeyPatch
+    played: list[str], own: bool, call: Call
 ) -> None:
-    monkeypatch.setattr("r2bspec.report.html.page._measurement_charts", lambda _: ())
     write_specs("a", "slow_b")
     Path("specs/u.r2b.yaml").write_text("r2bspec: 1\n")
     page = Path("all pages/100 %.html")

@@ -189,6 +189,7 @@ def _never_asked(question: RequirementCase) -> RequirementVerdict:
     raise AssertionError(question)
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_an_unknown_latency_is_in_no_report(tmp_path: Path) -> None:
     latencies = lossy(1)
     run = Ratioed(

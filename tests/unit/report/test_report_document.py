@@ -27,6 +27,8 @@ from r2bspec.report.wording import headline
 from report_runs import GraphSimulation, with_starts
 from run_simulation import Played, objective
 
+pytestmark = pytest.mark.usefixtures("without_charts")
+
 PASSING = GraphSimulation(
     segments=[Played(30, np.tile(np.linspace(0.02, 0.031, 200), 3)) for _ in range(6)],
     objectives={"fast": objective("latency.p50 < 40 ms", "drop_rate <= 2 %")},

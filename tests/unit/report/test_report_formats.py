@@ -82,6 +82,7 @@ def test_markdown_shows_hostile_words_as_words(reported: Reported) -> None:
         assert len(widths) == 1, table
 
 
+@pytest.mark.usefixtures("without_charts")
 @pytest.mark.parametrize("name", ["text", "markdown", "junit", "html", "github"])
 def test_a_requirement_that_only_warns_is_told_as_one(reported: Reported, name: str) -> None:
     usual = reported("usual")

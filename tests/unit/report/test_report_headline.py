@@ -21,6 +21,8 @@ from r2bspec.report.wording import base_name, headline
 from report_runs import with_starts
 from run_simulation import Played, Simulation, objective, probe
 
+pytestmark = pytest.mark.usefixtures("without_charts")
+
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
 SEARCH = SearchRecord(
     probes=(probe(5, holds=True), probe(200, holds=False), probe(25.5, holds=True)),

@@ -37,6 +37,8 @@ from r2bspec.report.write_reports import ReportRequest, write_failure_reports
 from report_runs import USUAL, with_monitors, with_starts
 from run_simulation import Played, Simulation, objective
 
+pytestmark = pytest.mark.usefixtures("without_charts")
+
 # What a run says beside its numbers is told by every report that people read.
 
 

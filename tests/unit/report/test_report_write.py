@@ -23,6 +23,8 @@ from r2bspec.report.progress import RemainingTime, shown_progress
 from r2bspec.report.write_reports import parse_report_requests
 from report_runs import EMPTY
 
+pytestmark = pytest.mark.usefixtures("without_charts")
+
 # ``--report FORMAT=PATH``: what is asked for is checked first, and appears whole.
 
 
