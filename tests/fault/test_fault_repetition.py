@@ -21,7 +21,7 @@ from r2bspec.execute.states import Progress
 from r2bspec.middleware.fast_dds import shm_files
 from ros_runs import Bench, left_behind, note_segments, relay_spec
 
-RUNS = size(4, 20)
+RUNS = size(3, 20)
 
 NODES = """
 class Broken(Node):

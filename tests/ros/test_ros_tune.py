@@ -8,6 +8,8 @@ import sys
 
 import pytest
 
+from nightly import only_nightly
+
 pytest.importorskip("rclpy")
 pytest.importorskip("optuna")
 
@@ -31,6 +33,7 @@ SPEC = relay_spec(
 )
 
 
+@only_nightly()
 def test_cheaper_values_are_found_and_proved(bench: Bench) -> None:
     spec = bench.write(SPEC)
     folder, overlay = bench.folder / "search", spec.with_name("tuned.r2b.yaml")
