@@ -119,7 +119,8 @@ def _index_of(index: BagIndex, messages: list[tuple[int, str]]) -> BagIndex:
     def topic_of(info: TopicInfo) -> TopicInfo:
         count = counts[info.name]
         is_before = info.last_ns is not None and info.last_ns < messages[0][0]
-        if is_before and (info.count == 1 or is_latched(info.qos)):
+        is_kept = is_latched(info.qos) or info.name.lstrip("/") == "tf_static"
+        if is_before and (info.count == 1 or is_kept):
             # It can be published once, from before the window.
             return info
         lasts_s = (last_ns[info.name] - first_ns[info.name]) / 1e9 if count else 0.0

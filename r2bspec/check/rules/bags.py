@@ -54,6 +54,20 @@ def topic_not_in_bag(context: Context) -> Findings:
                 suppresses={value_key(("data_loader", "topics", name))},
             )
 
+    loader = context.spec.data_loader
+    for key, topic, is_published in (
+        ("publish_tf", "/tf", loader.publish_tf),
+        ("publish_tf_static", "/tf_static", loader.publish_tf_static),
+    ):
+        if is_published and bag.find(topic) is None:
+            yield Finding(
+                message=f"bag {quote(bag.name)} has no topic {quote(topic)}: no transforms of it "
+                "are published",
+                path=("data_loader", key),
+                help="remove it, or take a recording with these transforms",
+                severity="warning",
+            )
+
 
 _WINDOW = ("data_loader", "window")
 

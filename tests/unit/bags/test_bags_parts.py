@@ -40,6 +40,15 @@ def test_the_part_with_more_messages_is_proposed(tmp_path: Path) -> None:
     assert parts.larger.start_ns == START_NS + LATE[0]
 
 
+def test_static_transforms_before_the_gap_are_of_the_larger_part(tmp_path: Path) -> None:
+    early = [("/tf_static", time_ns, text("x")) for time_ns in EARLY]
+    late = [("/scan", time_ns, text("x")) for time_ns in LATE]
+    parts = parts_of(write_bag(tmp_path / "bag", [*early, *late]))
+    assert parts is not None
+    counts = {name: topic.count for name, topic in parts.larger.topics.items()}
+    assert counts == {"/scan": 30, "/tf_static": 5}
+
+
 def test_a_part_before_the_gap_has_an_end(tmp_path: Path) -> None:
     late = [time_ns - LATE[0] for time_ns in LATE]
     parts = parts_of(recorded_at(tmp_path, *late, LATE[0]))

@@ -84,6 +84,13 @@ def test_rare_messages_are_looked_up(spec_file: str) -> None:
     assert codes(text.replace("end: 8 s", "end: 9.5 s"), file=spec_file) == []
 
 
+@pytest.mark.parametrize("key", ["publish_tf", "publish_tf_static"])
+def test_transforms_that_are_not_recorded_are_said(spec_file: str, key: str) -> None:
+    text = recorded("{}").replace("window: {}", f"{key}: true")
+    missing = [found for found in findings(text, file=spec_file) if found.code == "R2B308"]
+    assert [str(found.severity) for found in missing] == ["warning"]
+
+
 def test_buffers_are_compared_with_what_there_is(spec_file: str) -> None:
     def buffered(number: int, window: str) -> list[str]:
         playback = f"{{buffer: {number}, inputs: {{talk: {{from: talk_raw, format: {STRING}}}}}}}"
