@@ -103,7 +103,7 @@ def _spec(text: str) -> Path:
             f"{text!r} is a stored run: it cannot be a base",
             hint="A stored run cannot be played again; 'r2bspec compare' compares finished runs.",
         )
-    raise BadReferenceError(f"{text!r} is no spec: it cannot be a base", hint=HINT)
+    raise BadReferenceError(f"{text!r} is not a spec: it cannot be a base", hint=HINT)
 
 
 def _shown(text: str) -> str:

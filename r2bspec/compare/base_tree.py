@@ -108,7 +108,7 @@ def open_base_tree(text: str) -> Iterator[BaseTree]:
     if head_top is None:
         raise BaseRevisionError(
             f"the working folder is in no git repository: there is no base {clip(text)!r}",
-            hint="Call it in the work tree of the change.",
+            hint="Run it in the work tree of the change.",
         )
     tip = _named_commit(head_top, text)
     commit, notes = _merge_base(head_top, text, tip)
@@ -152,7 +152,7 @@ def _named_commit(top: Path, text: str) -> str:
         places = (f"{name} is {commit[:12]}" for name, commit in commits.items() if name != text)
         raise BaseRevisionError(
             f"{clip(text)!r} is ambiguous: {', '.join(places)}",
-            hint="Give the full name of the one that is meant, such as refs/remotes/origin/main.",
+            hint="Give its full name, such as refs/remotes/origin/main.",
         )
     if commits:
         return next(iter(commits.values()))
@@ -185,9 +185,9 @@ def _merge_base(top: Path, name: str, tip: str) -> tuple[str, list[str]]:
     if base == tip or f"parent {tip}" in head.split("\n\n")[0].splitlines():
         return tip, []
     if not base:
-        return tip, [f"This clone knows no common commit of HEAD and {name}: {name} itself counts."]
+        return tip, [f"This clone has no common commit of HEAD and {name}: {name} is the base."]
     lacking = pluralize(int(git.output_of(top, "rev-list", "--count", f"HEAD..{tip}")), "commit")
-    return base, [f"HEAD lacks {lacking} of {name}: it is compared with {base[:7]}, where it left."]
+    return base, [f"HEAD lacks {lacking} of {name}: its base is {base[:7]}, where it branched off."]
 
 
 @dataclass(frozen=True)

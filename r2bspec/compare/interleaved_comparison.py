@@ -175,7 +175,7 @@ def why_not_by_turns(base: Plan, head: Plan) -> str:
         if plan.external:
             return "external nodes cannot be up twice"
         if plan.playback_mode not in {"looping", "sweeping"} or plan.arrivals or not plan.inputs:
-            return "the load has times of its own"
+            return "the load has its own times"
         if plan.called or single.search or single.sustained_hz or not single.play:
             return "a search, probes or calls are not played step by step"
     if not turns_of(head):

@@ -205,7 +205,7 @@ def _candidates(
                     # What it has instead, its path, is proposed with the parts.
                     if not rate.pooled.anatomy:
                         notes.append(
-                            f"{where}: outputs of a pace of their own have none; with 'benchmark: "
+                            f"{where}: outputs that no input triggers have none; with 'benchmark: "
                             f"{{anatomy: true}}', {monitor}.path is proposed"
                         )
                 else:
@@ -244,7 +244,7 @@ def _candidates(
             name = _free_name(spec, "measured_peak")
             yield _Candidate(name, "", "peak.rate", (f"peak.rate >= {_floor(limit_hz)} Hz",))
         else:
-            notes.append(f"peak.rate: it is known to {search.precision:.0%} only, too roughly")
+            notes.append(f"peak.rate: it is known to {search.precision:.0%}, which is too coarse")
 
 
 _PROPOSED_PARTS = 3

@@ -175,7 +175,7 @@ def _buffer(
     limit = read_int(system.proc / "sys/net/core" / name)
     title = f"{direction} buffers"
     if limit is None:
-        return advised(_NETWORK, title, "not told by this kernel", "")
+        return advised(_NETWORK, title, "not reported by this kernel", "")
     data = {f"net.core.{name}": limit, "wanted": requested}
     if limit >= requested:
         return advised(_NETWORK, title, f"up to {show(limit, 'B')}", "", data)

@@ -571,9 +571,8 @@ class _Run:
         elif self._starts.foreign:
             status = "invalid"
             reason = (
-                "A program that is not of this run has published on "
-                f"{'; '.join(self._starts.foreign)}. What was measured is not that of the graph "
-                "alone."
+                "A program outside of this run has published on "
+                f"{'; '.join(self._starts.foreign)}. The measurement is not of the graph alone."
             )
         # As a process of the harness says; before one has, the one that is selected.
         rmw = next(({"rmw": each.rmw} for each in self._launchers if each.rmw), {})

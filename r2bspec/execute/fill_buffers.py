@@ -76,13 +76,15 @@ def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> Res
         )
         path, digest = dataset.path, dataset.content_sha256
         if dataset.damaged:
-            progress.note(f"the dataset {plan.source} in the cache was damaged; it was made anew")
+            progress.note(
+                f"the dataset {plan.source} in the cache was damaged and is created again"
+            )
     else:
         path = location.path
         digest = hash_files(path)
     if plan.sha256 and digest.removeprefix("sha256:") != plan.sha256.removeprefix("sha256:"):
         raise DatasetMismatchError(
-            f"the hash of {plan.source} is {digest}, not the one in the spec",
+            f"the hash of {plan.source} is {digest}, not that in the spec",
             hint="Use the bag that the spec expects, or update data_loader.bag.sha256.",
         )
     return ResolvedDataset(path, provenance | {"path": str(path), "sha256": digest})

@@ -101,7 +101,7 @@ class Place:
         known = math.fsum(each for each in left_s if each is not None)
         if None not in left_s:
             return f"about {time_text(max(known, 1.0))}"
-        return f"{time_text(known)} or more" if known else "how long is not known"
+        return f"{time_text(known)} or more" if known else "for an unknown time"
 
 
 OnWait = Callable[[Place], None]
@@ -157,7 +157,7 @@ def _full_disks_explained() -> Iterator[None]:
             raise
         raise UnwritableRunError(
             f"the queue of this host, {queue_folder()}, cannot be written: {error.strerror}",
-            hint="Free space on this disk, set TMPDIR to another one, or do without the queue: "
+            hint="Free space on this disk, set TMPDIR to another disk, or do without the queue: "
             "--no-lock.",
         ) from error
 

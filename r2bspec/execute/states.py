@@ -2,7 +2,7 @@
 
 `r2bspec.execute.controller` has the states of the whole run, `r2bspec.execute.start.start` those of
 a start, `r2bspec.execute.measurement.measurement` those that measure. The record names the same
-states, as its phases; docs/execution.md draws them.
+states, as its phases; docs/running.md describes them.
 
 Every state is left early in the same way. A fault of a process, a signal and a memory limit are
 seen wherever the controller waits, and raise an error there; whatever the state, the controller

@@ -26,7 +26,7 @@ class FleetError(R2bspecError):
     """The fleet cannot be used, or a run on a host failed."""
 
     code = "R2B682"
-    way_out = "The log of its worker has more; run again with --resume."
+    way_out = "See the log of its worker; run again with --resume."
 
 
 class NoHostError(UsageError):

@@ -293,7 +293,7 @@ def _keep(run: FleetRun, played: Played) -> None:
         f"the run on {played.host} failed: {message}",
         status=statuses.get(played.status, ExitStatus.RUN_FAILED),
         code=code,
-        hint=f"All that it said is in {log}.",
+        hint=f"Its complete output is in {log}.",
     )
 
 

@@ -123,7 +123,7 @@ class _SpecBuilder:
         body.add("monitors", monitors)
         body.add("benchmark", self._benchmark([entry.key for entry in monitors.entries]))
         for key in self.recorded.config.keys() - _DEFAULTS.keys():
-            what = f"{key!r} is left out: it tunes the tool itself, or is no key of it"
+            what = f"{key!r} is left out: it configures the tool itself, or is unknown to it"
             self.values.change(what, self._place(key))
         self._note_members()
         stem = self.file.stem

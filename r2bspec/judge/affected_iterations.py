@@ -42,8 +42,8 @@ from r2bspec.judge.verdict import DisturbedIteration, InterferencePolicy, Requir
 from r2bspec.record.run_record import Probe, RunRecord
 
 REMEDY: Final = (
-    "The machine was busy: run again when it has nothing else to do. If its load belongs to what "
-    "the graph must bear, set 'gate.interference: tolerate'."
+    "The machine was busy: run again on an idle machine. If the graph must bear such "
+    "load, set 'gate.interference: tolerate'."
 )
 
 

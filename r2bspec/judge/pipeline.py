@@ -88,9 +88,7 @@ OWN_RATE: Final = 0.0
 
 _DEFAULT_POLICY = DecisionPolicy()
 _SMOKE_REASON = "The graph works; a smoke run does not judge the SLOs."
-_HIDDEN_LOSSES: Final = (
-    "Outputs are matched by order: a lost one and another that came twice cancel out."
-)
+_HIDDEN_LOSSES: Final = "Outputs are matched by order: a lost output and a duplicate cancel out."
 
 
 def judge(
@@ -442,8 +440,8 @@ def _without_events(case: RequirementCase) -> Decision | None:
     if case.info.scope is not Scope.ANATOMY or not lost:
         return None
     return undecided(
-        f"There was no room for {show(lost, 'count')} events of the graph: what was observed of "
-        f"{case.info.subject} is not whole.",
+        f"There was no room for {show(lost, 'count')} events of the graph: the observation of "
+        f"{case.info.subject} is incomplete.",
         "Observe iterations that are shorter or fewer in a start, or 'anatomy: [NODE]' alone.",
     )
 
@@ -460,7 +458,7 @@ def latency_unknown_by_order(
     why = MonitorSamples.joined(seen).unknown_latency
     reason = (
         f"The latency at monitor '{monitor}' is unknown: {why}. "
-        "Every later one may then answer another input."
+        "Every later output may then answer another input."
     )
     return reason, "Match by stamp: use an output whose header keeps the stamp of its input."
 
@@ -497,9 +495,7 @@ def downgrade_affected_fail(
         return played.noted(
             f"{text}. The faster half of the messages, sped up by that, fails, too."
         )
-    return played.opened(
-        f"{text}. That it fails is not shown on a machine that was so busy.", REMEDY
-    )
+    return played.opened(f"{text}. A machine this busy does not show that it fails.", REMEDY)
 
 
 def examine_affected_probes(

@@ -319,7 +319,7 @@ def _without_value(case: RequirementCase, base: Values, head: Values) -> Decisio
         return None
     return undecided(
         f"{name} is 0 in some iterations, and a ratio to 0 is undefined.",
-        "Use an absolute bound, such as 0.1 %, instead of one 'of baseline'.",
+        "Use an absolute bound, such as 0.1 %, instead of a bound 'of baseline'.",
     )
 
 

@@ -153,7 +153,7 @@ def unmeasured(case: RequirementCase, record: RunRecord) -> Decision | None:
     if case.info.scope is not Scope.DEVICE:
         return None
     device = "package" if "package" in case.info.name else "gpu"
-    why = record.machine.get(f"{device}_unmeasured") or "the machine did not tell it all the time"
+    why = record.machine.get(f"{device}_unmeasured") or "the machine did not report it all the time"
     return undecided(f"{case.info.name} was not measured: {why}.")
 
 

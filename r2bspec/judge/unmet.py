@@ -127,8 +127,8 @@ def other_starts(number: int, room: float, verdict: RequirementVerdict) -> str:
         worse = "lose a fifth" if verdict.outcome == "pass" else "lose nothing"
     return (
         f"{number} starts do not rule out another kind of start, up to "
-        f"{show(unmet, 'share', 2)} of all, or that each start resembles the one before: starts "
-        f"that {worse} would {would} the limit."
+        f"{show(unmet, 'share', 2)} of all, or that each start resembles the previous start: "
+        f"starts that {worse} would {would} the limit."
     )
 
 

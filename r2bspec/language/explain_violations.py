@@ -500,7 +500,7 @@ def _missing_unit(violation: Violation, number: str, kind: type[Quantity]) -> Di
     text = f"{number} {next(iter(kind.units))}"
     # 0.02 may mean 2 %, so there is no safe repair of a share.
     if kind is Share:
-        return violation.error("R2B109", message, f"write {text} if that is the meaning")
+        return violation.error("R2B109", message, f"write {text} if you mean that")
     return violation.error("R2B109", message, f"write {text}", repair=text)
 
 

@@ -193,28 +193,26 @@ class Spec(Record, frozen=True, kw_only=True):
         name: The name of the benchmark, in results and baselines.
         title: A title of one line, shown in reports.
         description: What is measured, and why.
-        extends: The file that this file extends. Maps are merged, lists are replaced, and null
-            removes a key.
+        extends: The file that this file extends: maps are merged, lists replaced, and null removes
+            a key.
         labels: Labels that reports show.
         requires: What the machine of a run must be; others are refused.
         environment: The environment variables that $(env NAME) may read.
         variables: Values for $(var name); --var name=value replaces one.
-        matrix: Cases of this benchmark that differ in variables. Each has its own verdict, as
-            name[threads=2].
+        matrix: Cases that differ in variables, each with its own verdict, as name[threads=2].
         namespace: The namespace of nodes and of relative topics.
-        transport: How messages are transported: shared_memory, with segments for the largest
-            message; udp; or inherit, by the settings of the environment.
-        network: Delay, loss and rate of a network between the processes, which tc of Linux
-            emulates; needs 'transport: udp'.
+        transport: How messages travel: shared_memory, with segments for the largest message; udp;
+            or inherit, as the environment says.
+        network: Emulated delay, loss and rate of a network between the processes; needs Linux and
+            'transport: udp'.
         harness: Where the player and the monitors run.
         data_loader: The recorded topics to load, and their names in the graph.
-        preprocessors: Nodes that prepare the recorded messages, and are stopped before anything is
-            measured.
+        preprocessors: Nodes that prepare the recorded messages before anything is measured.
         containers: Processes for several nodes, by name.
         setup: Commands that run once, in this order, before anything is started.
         playback: How the buffered messages are played to the graph.
         graph: The graph under test.
-        ready: Conditions for the graph to be ready, besides that all topics are connected.
+        ready: Conditions for the graph to be ready, besides connected topics.
         after_ready: Steps that run once, in this order, between readiness and playing.
         monitors: The monitored topics, by the names that requirements use.
         benchmark: What is played: rates, iterations, starts, and a search.

@@ -70,8 +70,8 @@ class DataLoader(Record, frozen=True, kw_only=True):
     If the document lists several recordings, `bag` is the first of them.
 
     Attributes:
-        bag: The recording: the name of a dataset, or the path of a bag relative to this file.
-        bags: Several recordings, in the order of recording; their topics are merged.
+        bag: The recording: the name of a dataset, or the path of a bag.
+        bags: Several recordings, in their order; their topics are merged.
         window: The part of the recording to use, relative to its first message.
         topics: The topics to load: the topic in the bag, and the topic in the graph.
         publish_tf: Whether the recorded /tf is played with the inputs.
@@ -139,8 +139,8 @@ class PlaybackInput(Record, frozen=True, kw_only=True):
         timestamp: header writes the time of playing into each header; none leaves the recorded one.
         pairing: The pairing of this input, if it differs from 'playback.pairing'.
         rate: step plays one message in each step; recorded plays all messages between two steps,
-            for an input of another rate; once publishes one, latched, before the first step, such
-            as a map: the last one recorded before the window, or else the first one in it.
+            for an input of another rate; once publishes one message, latched, before the first
+            step, such as a map: the last before the window, or else the first in it.
         clock_ahead: How far the clock that stamped this input was ahead of the other clocks.
     """
 
@@ -175,12 +175,12 @@ class Call(Record, frozen=True, kw_only=True):
     Attributes:
         service: The service and its request.
         action: The action and its goal. NAME measures the result, NAME_accepted the acceptance. A
-            goal that does not succeed counts as missed.
+            goal that does not succeed is missed.
         each: Fields that differ from call to call, used in turn.
-        source: The loaded topic NAME/_service_event: its recorded requests are used in turn, or
-            with mode timeline at their times. Stated fields replace recorded fields.
+        source: The loaded topic NAME/_service_event, whose requests are used in turn, or with mode
+            timeline at their times. Stated fields replace recorded fields.
         every: Call at every step, or at every n-th step.
-        success: A field of the response; where it is false, the call counts as missed.
+        success: A field of the response; if it is false, the call counts as missed.
         feedback: Whether NAME_feedback is measured, up to the first feedback.
     """
 
@@ -227,7 +227,7 @@ class Timeline(Record, frozen=True, kw_only=True):
 
     Attributes:
         speed: The speed of playing relative to the recording.
-        translations: Delays of inputs, added to their times of playing and their stamps.
+        translations: Delays of inputs, added to their times of playing and stamps.
     """
 
     about = key({"speed": "50 %"})
@@ -250,15 +250,14 @@ class Arrivals(Record, frozen=True, kw_only=True):
     """When the steps come. The rate is always their mean rate.
 
     Attributes:
-        kind: fixed: at equal intervals; poisson: independently of each other, as requests of many
-            clients; bursts: several at once; jitter: each later than at equal intervals, by chance;
-            dropout: at equal intervals, of which some have no step, by chance.
+        kind: fixed: at equal intervals; poisson: independently, as requests of many clients;
+            bursts: several at once; jitter: later than at equal intervals, by chance; dropout: at
+            equal intervals, some without a step, by chance.
         size: With bursts: the number of steps in a burst.
-        share: With bursts: the part of the time from one burst to the next in which its steps come,
-            evenly; 0 % is at once. With jitter: the largest delay, as a share of the interval. With
-            dropout: the share of intervals without a step.
-        seed: The seed of what is left to chance. Each iteration has its own times, which are the
-            same in every run.
+        share: With bursts: the part of the time between bursts in which the steps come; 0 % is at
+            once. With jitter: the largest delay, as a share of the interval. With dropout: the
+            share of intervals without a step.
+        seed: The seed of chance. Iterations have different times, which are the same in every run.
     """
 
     about = key("poisson", {"kind": "bursts", "size": 5, "share": "20 %"})
@@ -284,14 +283,14 @@ class Playback(Record, frozen=True, kw_only=True):
     """How the buffered messages are played to the graph.
 
     Attributes:
-        mode: looping repeats the messages at the offered rate; sweeping alternates forwards and
+        mode: looping repeats the messages at the offered rate; sweeping plays them forwards and
             backwards; timeline uses the recorded times; live plays nothing.
         buffer: The number of messages of each input; 0 means all of the window.
-        inputs: The topics that are played. All inputs of a step are played together, with the same
-            stamp unless 'pairing' allows differences.
-        calls: Services and actions that are called in each step. Their answers are outputs,
-            measured under the name of the call.
-        unpaired: What happens to messages without a partner in every other input, which are never
+        inputs: The topics to play. The inputs of a step are played together, with the same stamp
+            unless 'pairing' allows differences.
+        calls: Services and actions that are called in each step. Their answers are outputs with the
+            name of the call.
+        unpaired: What to do about messages without a partner in every other input, which are never
             played: refuse warns above 5 % of an input and stops above 50 %; drop accepts any
             number.
         timeline: With mode timeline: how recorded times become times of playing.
@@ -394,11 +393,11 @@ class Harness(Record, frozen=True, kw_only=True):
     """Where the player and the monitors run.
 
     Attributes:
-        placement: separate: player and monitors have processes of their own; shared: they share a
-            process; graph: the player runs in the process that reads the inputs, and each monitor
-            in the process that publishes its topic.
-        process: With placement graph: the node or process that gets the player, if that is
-            ambiguous; NODE/PROGRAM of a launch file.
+        placement: separate: player and monitors have their own processes; shared: they share a
+            process; graph: the player runs in the process that reads the inputs, each monitor in
+            the process that publishes its topic.
+        process: With placement graph: the node or process of the player, if that is ambiguous;
+            NODE/PROGRAM of a launch file.
     """
 
     about = key("graph", {"placement": "graph", "in": "detector"})
@@ -439,9 +438,8 @@ class MonitorSettings(Record, frozen=True, kw_only=True):
     once.
 
     Attributes:
-        match: How outputs are matched to inputs: by the stamp in the header, by order, by the stamp
-            with any number of outputs of an input, or with own_pace not at all, for outputs of a
-            timer.
+        match: How outputs are matched to inputs: by stamp; by order; any: by stamp, with any number
+            of outputs of an input; own_pace: not at all, for outputs of a timer.
         qos: The profile of the subscription, or its name; default: the profile of the publisher.
         label: The name in reports.
     """
@@ -467,8 +465,8 @@ class Monitor(MonitorSettings, frozen=True, kw_only=True):
     Attributes:
         topic: The topic to monitor.
         format: The type of its messages.
-        answers: With mode timeline: the inputs that the outputs answer; only steps with all of
-            these inputs count. Default: all inputs with a path to the topic.
+        answers: With mode timeline: the inputs that the outputs answer; only steps with all of them
+            count. Default: all inputs with a path to the topic.
         ratio: How many outputs answer how many inputs.
         taps: Whether the topics between inputs and output are monitored, too, for the latency of
             each hop.
@@ -575,12 +573,12 @@ class Gate(Record, frozen=True, kw_only=True):
         confidence: The confidence of a verdict, unless an objective sets its own.
         inconclusive: The outcome of an inconclusive verdict; report has its own exit status.
         confirm: Whether a failure counts only if new processes confirm it.
-        time_budget: The maximum duration of measuring; further starts, reruns and confirmation are
-            skipped if they would exceed it.
+        time_budget: The maximum duration of measuring: further starts, reruns and confirmation that
+            would exceed it are skipped.
         interference: tolerate ignores other load on the machine; note makes a failure inconclusive
-            if the load can explain it.
-        base: How 'r2bspec gate' builds the base. The base's own version of this key counts. Paths
-            are relative to the top of the work tree.
+            that the load can explain.
+        base: How 'r2bspec gate' builds the base; the base's own version of this key counts. Paths
+            are relative to the work tree.
     """
 
     about = key({"confidence": "99 %", "inconclusive": "fail"})
@@ -634,8 +632,8 @@ class StartWaits(Record, frozen=True, kw_only=True):
     All of it is a part of the time of a run, and a smoke run shortens it.
 
     Attributes:
-        warm_up: How long each start plays before anything counts, and at least until every monitor
-            has received a message.
+        warm_up: How long each start plays before anything counts; it lasts until every monitor has
+            a message.
     """
 
     warm_up: Annotated[Duration, key("1 s", "0 s")] = Duration(10**9)
@@ -649,8 +647,8 @@ class Pacing(StartWaits, frozen=True, kw_only=True):
 
     Attributes:
         start_timeout: The maximum time from the first process of the graph to its first output.
-        drain_timeout: How long the graph may be silent after the last input of an iteration before
-            missing outputs count as lost.
+        drain_timeout: How long the graph may be silent after the last input before missing outputs
+            count as lost.
     """
 
     start_timeout: Annotated[Duration, key("30 s", "2 min", positive=True, changes="graph")] = (
@@ -670,11 +668,11 @@ class Benchmark(Pacing, frozen=True, kw_only=True):
         iterations: The number of iterations at each rate, over all starts.
         starts: How often all processes are started, at most, each time for a part of the
             iterations: once, or at least 3 times. Default: 5, or as many as have two iterations
-            each; 1 for graphs with external nodes.
+            each; 1 with external nodes.
         max_iterations: The maximum number of iterations at each rate, to decide an inconclusive
             verdict.
         anatomy: Trace the processes of the graph, or of the listed nodes, in every iteration, for
-            metrics such as NODE.callback.p99. 'run --anatomy' traces one extra iteration instead.
+            metrics such as NODE.callback.p99. 'run --anatomy' traces one extra iteration.
         rates: The rates at which the inputs are played.
         search: Search for the highest rate at which the backlog of unanswered messages does not
             grow.

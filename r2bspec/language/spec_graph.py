@@ -317,30 +317,30 @@ class Node(StartedProcess, frozen=True, kw_only=True):
 
     Attributes:
         description: What the node does.
-        python: module.Class, or ./file.py:Class relative to this file: a subclass of rclpy's Node,
-            a function that returns a node, or a main() that calls rclpy.init.
+        python: module.Class, or ./file.py:Class: a subclass of rclpy's Node, a function that
+            returns a node, or a main() that calls rclpy.init.
         package: The ROS package of the plugin or the executable.
         plugin: The C++ class of a component.
         executable: The executable of the package, as for 'ros2 run'.
-        command: A program with its arguments, run without a shell. Namespace, remappings and
-            parameters follow after --ros-args if the node has any of them, 'publishes' or
+        command: A program with its arguments, run without a shell. ROS arguments follow after
+            --ros-args if the node has a namespace, remappings, parameters, 'publishes' or
             'subscribes'.
-        launch: A launch file: 'package' and 'file', or 'path'. The remappings and the namespace of
-            the node apply to everything that it starts.
+        launch: A launch file: 'package' and 'file', or 'path'. Remappings and namespace of the node
+            apply to everything that it starts.
         external: Whether the node already runs. The run waits for it and does not stop it.
         container: The container of the node; without one, graph.placement applies.
-        lifecycle: The state to which the run brings a lifecycle node: all nodes are configured in
-            the order of the spec, then activated. Default: the run changes no state.
+        lifecycle: The state to which the run brings a lifecycle node: all are configured in the
+            order of the spec, then activated. Default: the run changes no state.
         intra_process: Whether a plugin exchanges messages by pointer within its container
             ('use_intra_process_comms'). Both sides need it.
         extra_arguments: Further arguments with which a plugin is loaded.
         arguments: Arguments of an executable or a command.
         namespace: The namespace of the node, below that of the benchmark.
-        parameters: ROS parameters: a map, a parameter file, or a list of both, in which later items
-            have precedence. Nested names have dots: camera.fx.
+        parameters: ROS parameters: a map, a parameter file, or a list of both, of which later items
+            win. Nested names have dots: camera.fx.
         remappings: Names in the code of the node, and the topics to use instead.
-        publishes: The topics that the node publishes, by their names in its code, with their types,
-            if 'validate' cannot read them.
+        publishes: The published topics, by their names in the code, with their types, if 'validate'
+            cannot read them.
         subscribes: The topics to which it subscribes, likewise.
         qos: The QoS profiles of its topics, by their names in its code.
         parameter_sources: Files and values in the order in which they apply; empty if there is no

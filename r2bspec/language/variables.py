@@ -213,7 +213,7 @@ def _mismatch(node: ScalarNode, kind: str) -> tuple[str, str]:
         return "", ""
     if not isinstance(node.value, str):
         unit = next(iter(quantity.units))
-        return f"{node.text} has no unit", f"write {node.text} {unit} if that is the meaning"
+        return f"{node.text} has no unit", f"write {node.text} {unit} if you mean that"
     try:
         quantity.parse(node.value)
     except QuantityError as error:

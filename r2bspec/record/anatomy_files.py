@@ -146,7 +146,7 @@ class _EventFile:
         header = np.frombuffer(table, _HEADER, count=1)[0]
         if int(header["lost"]) > LONGEST_NS:
             raise RecordError(
-                f"{self._path} is damaged: it has lost more events than can be", hint=_HINT
+                f"{self._path} is damaged: it reports more lost events than possible", hint=_HINT
             )
         slabs = min(int(header["slabs"]), int(header["claimed"]))
         return self._read_slabs(file, slabs, room, passed_ns)

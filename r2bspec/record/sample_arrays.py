@@ -200,12 +200,12 @@ def _check_values(rows: Rows, path: Path) -> None:
     for name in names:
         times = rows[name]
         if times.min() < -LONGEST_NS or times.max() > LONGEST_NS:
-            raise RecordError(f"{path} is damaged: {name} has a time that cannot be", hint=_HINT)
+            raise RecordError(f"{path} is damaged: {name} has an impossible time", hint=_HINT)
     for name in rows.dtype.names or ():
         # NaN is what the system does not count; it counts processor time.
         size = np.abs(rows[name]) if rows.dtype[name].kind == "f" else np.zeros(0)
         if np.any(~(size <= MAX_NUMBER) if name == "cpu_s" else size > MAX_NUMBER):
-            raise RecordError(f"{path} is damaged: {name} has a value that cannot be", hint=_HINT)
+            raise RecordError(f"{path} is damaged: {name} has an impossible value", hint=_HINT)
 
 
 _LENGTH_AT = npy_format.MAGIC_LEN

@@ -191,7 +191,7 @@ def _busy_notes(result: Result) -> Iterator[str]:
     ):
         return
     affected = "; ".join(_interference_notes(result)) or "Other programs used this machine"
-    way = "run again when it has nothing else to do"
+    way = "run again on an idle machine"
     if all(requirement.weakened for requirement in open_requirements):
         way += "; 'gate.interference: tolerate' judges it as it is"
     yield f"The machine was busy: {affected[:1].lower()}{affected[1:]}. To decide it, {way}."

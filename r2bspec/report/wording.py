@@ -50,7 +50,7 @@ _MOST_DIGITS: Final = 6
 _SUSTAINED: Final = {
     "pass": "was sustained",
     "fail": "was not sustained",
-    "inconclusive": "was neither shown to be sustained nor not to be",
+    "inconclusive": "is undecided",
 }
 
 
@@ -188,7 +188,7 @@ def _value(verdict: RequirementVerdict, result: Result, *, name_monitor: bool) -
         share = show(requirement.windows_share, "share", 6)
         windows = f" in {share} of {show(requirement.window_ns / 1e9, 's')} windows"
     if verdict.lost:
-        return f"{name} is that of a lost message{windows}{at}, limit {limit}"
+        return f"{name} is a lost message{windows}{at}, limit {limit}"
     if verdict.outcome == "inconclusive":
         estimate = show(verdict.estimate, verdict.unit)
         return f"{name} {estimate}{_spaced_interval(verdict)}{windows}{at}, limit {limit}"

@@ -251,7 +251,7 @@ def _check_place(place: int, folders: Iterable[Path] | None) -> None:
             hint="Mount /proc: 'mount -t proc proc /proc', or let the container have it.",
         ) from None
     if real.startswith(_KERNEL_PATHS):
-        raise OutsideFolderError("it is a file of the kernel, not of a disk")
+        raise OutsideFolderError("it is a kernel file, not a file on a disk")
     if folders is not None and not any(
         Path(real).is_relative_to(real_path(folder)) for folder in folders
     ):

@@ -115,7 +115,7 @@ class Search:
         winner = self._combinations[best.number]
         pairs = min(self._limits.pairs, int(self._left_s() / (2 * self._longest_s)))
         if pairs < _FEWEST_PAIRS:
-            reason = "The time was over before the proof: give a larger budget."
+            reason = "The time ran out before the proof: give a larger budget."
             return Found("incomplete", reason, winner)
         self._tell(f"proof of {self._text(best)}")
         base = None if today.first.outcome == "broken" else self._space.today

@@ -1,4 +1,4 @@
-"""The tables of keys in docs/language.md, made of the rules of the language."""
+"""The lists of keys in docs/language.md, made of the rules of the language."""
 
 from __future__ import annotations
 
@@ -12,35 +12,33 @@ _TABLE_BLOCK = re.compile(r"<!-- keys of (?P<path>\S+) -->\n.*?<!-- end -->", re
 
 
 def with_tables(text: str) -> str:
-    """The text with every table replaced by that of the current language.
+    """The text with every list replaced by that of the current language.
 
-    A table is between ``<!-- keys of PATH -->`` and ``<!-- end -->``; ``spec`` is the document
-    itself, and ``<name>`` in a path is any name given by the user. Keys that a table has in common
-    with one before it, such as those of a process, share a row that refers to that table.
+    A list is between ``<!-- keys of PATH -->`` and ``<!-- end -->``; ``spec`` is the document
+    itself, and ``<name>`` in a path is any name given by the user. Keys that a list has in common
+    with one before it, such as those of a process, share a line that refers to that list.
     """
+    examples = "".join(re.findall(r"^```yaml\n(.*?)^```", text, re.DOTALL | re.MULTILINE))
     shown: dict[str, str] = {}
 
     def table(found: re.Match[str]) -> str:
         path = found["path"]
         same: dict[str, list[str]] = {}
         lines = []
-        for name, row in _rows(path).items():
+        for name, row in _rows(path, examples).items():
             if row in shown:
                 same.setdefault(shown[row], []).append(f"`{name}`")
             else:
                 lines.append(row)
                 shown[row] = path
-        lines += [f"| {', '.join(keys)} | | as in `{first}` |" for first, keys in same.items()]
-        return "\n".join([f"<!-- keys of {path} -->", *_HEAD, *lines, "<!-- end -->"])
+        lines += [f"- {', '.join(keys)}: as in `{first}`" for first, keys in same.items()]
+        return "\n".join([f"<!-- keys of {path} -->", *lines, "<!-- end -->"])
 
     return _TABLE_BLOCK.sub(table, text)
 
 
-_HEAD = ("| key | value | meaning |", "| --- | --- | --- |")
-
-
-def _rows(path: str) -> dict[str, str]:
-    """The row of each key of the map at a path."""
+def _rows(path: str, examples: str) -> dict[str, str]:
+    """The line of each key of the map at a path; `examples` are those of the page."""
     owner: ValueRule | None = language()
     for part in path.split(".") if path != "spec" else ():
         owner = owner.below(part) if owner is not None else None
@@ -49,15 +47,15 @@ def _rows(path: str) -> dict[str, str]:
     rows = {}
     for name, rule in owner.keys.items():
         value = ", ".join(filter(None, (_kind(rule), _default(rule, name in owner.required))))
-        meaning = " ".join(filter(None, (_cell(rule.description), _example(rule))))
-        rows[name] = f"| `{name}` | {value} | {meaning} |"
+        example = "" if re.search(rf"\b{name}: ", examples) else _example(rule)
+        rows[name] = f"- `{name}` ({value}): " + " ".join(filter(None, (rule.description, example)))
     return rows
 
 
 def _kind(rule: ValueRule) -> str:
     words = [f"`{word}`" for word in rule.words]
     if rule.is_parsed and rule.quantity is not None:
-        return _cell(" or ".join([rule.quantity.kind, *words]))
+        return " or ".join([rule.quantity.kind, *words])
     if rule.is_choice:
         return ", ".join(words)
     if rule.const is not None:
@@ -84,7 +82,7 @@ def _example(rule: ValueRule) -> str:
     shown = _flow(value)
     if not isinstance(value, dict | list) or len(shown) > 60 or value == rule.shown_default:
         return ""
-    return f"Example: `{_cell(shown)}`."
+    return f"Example: `{shown}`."
 
 
 def _flow(value: object) -> str:
@@ -96,7 +94,3 @@ def _flow(value: object) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(map(_flow, value)) + "]"
     return json.dumps(value)
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")

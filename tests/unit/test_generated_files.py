@@ -22,5 +22,5 @@ def test_no_generated_file_is_left_over() -> None:
 
 
 def test_the_pages_have_what_is_written_into_them() -> None:
-    assert "<!-- keys of spec -->\n| " in FILES[ROOT / "docs" / "language.md"]
+    assert "<!-- keys of spec -->\n- " in FILES[ROOT / "docs" / "language.md"]
     assert "<!-- exit statuses -->\n| " in FILES[ROOT / "docs" / "running.md"]

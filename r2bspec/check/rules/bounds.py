@@ -12,7 +12,7 @@ from r2bspec.diagnostics.quote import quote
 
 _EXAMPLES = {
     "time": "a time, such as 50 ms",
-    "rate": "a rate, such as 30 Hz, or a share of the offered one, such as 97 % of offered",
+    "rate": "a rate, such as 30 Hz, or a share of the offered rate, such as 97 % of offered",
     "size": "a size, such as 64 MiB",
     "share": "a share, such as 2 %",
     "power": "a power, such as 15 W",

@@ -100,7 +100,7 @@ def metric_unobserved(context: Context) -> Findings:
     for index, name in enumerate(observed if isinstance(observed, tuple) else ()):
         if name not in nodes:
             yield Finding(
-                message=f"{quote(name)} is no node that could be observed",
+                message=f"{quote(name)} is not a node that can be observed",
                 path=("benchmark", "anatomy", index),
                 help=suggestion(name, nodes, "nodes and containers"),
             )
@@ -160,7 +160,7 @@ def _why_unavailable_at_monitor(context: Context, metric: KnownMetric) -> tuple[
     }
     if metric.info.scope is Scope.PROBE and uncounted and len(uncounted) == len(monitors):
         return (
-            f"{name} needs a known number of outputs for each input, and no monitor expects it",
+            f"{name} needs a known number of outputs for each input, which no monitor has",
             "add a monitor that matches by stamp or by order",
         )
     # Answers of calls are counted.
@@ -171,7 +171,8 @@ def _why_unavailable_at_monitor(context: Context, metric: KnownMetric) -> tuple[
     kind = uncounted[found]
     bound = metric.requirement.bound
     if bound is not None and bound.of_offered:
-        why = "has a pace of its own" if kind == "own pace" else "may have any number of outputs"
+        free = "has outputs that no input triggers"
+        why = free if kind == "own pace" else "may have any number of outputs"
         return (
             f"monitor {found} {why}: {name} cannot be 'of offered'",
             "write the bound as a rate",

@@ -203,7 +203,7 @@ class GraphJoins:
         raise not_joinable(
             child.name,
             f"none of its programs {'named ' + program if program else ''}has "
-            f"initialised ROS with what was preloaded{others}".replace("  ", " "),
+            f"initialised ROS with the preloaded library{others}".replace("  ", " "),
         )
 
     def _require_one_program(self, child: ManagedProcess, first: Hello) -> None:

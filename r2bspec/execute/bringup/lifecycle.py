@@ -94,7 +94,7 @@ class LifecycleNodes:
 
         Raises:
             GraphDifferencesError: a node has no states.
-            NotReadyError: a node is not there in time, or does not say its state.
+            NotReadyError: a node is not there in time, or does not report its state.
         """
         seen_s: dict[str, float] = {}
         while True:
@@ -118,9 +118,9 @@ class LifecycleNodes:
             if deadline.over:
                 name = missing[0]
                 raise NotReadyError(
-                    f"lifecycle node {name} does not say its state"
+                    f"lifecycle node {name} does not report its state"
                     if name in found.states
-                    else f"lifecycle node {name} was not there after {deadline.timeout_s:g} s",
+                    else f"lifecycle node {name} did not appear within {deadline.timeout_s:g} s",
                     hint="Read its output, or increase benchmark.start_timeout.",
                 )
             self.supervisor.pump(_POLL_S)

@@ -311,7 +311,7 @@ def nodes_with_one_name(plan: ProcessPlan, log: Path) -> Iterator[Difference]:
                 yield Difference(
                     code=_NODES_WITH_ONE_NAME,
                     message=f"the executable of {node.name} has several nodes, all of which got "
-                    "this name: what they do, take and publish is not told apart",
+                    "this name: their topics and their load cannot be told apart",
                     part="node",
                     owner=node.name,
                     name="",

@@ -285,7 +285,7 @@ def wait_for_services(
             f"no node offers {', '.join(missing)} after {deadline.timeout_s:g} s",
             hint="A name without '/' at its beginning is in the namespace of the graph, as "
             "its nodes are. 'ros2 service list -t' and 'ros2 action list -t' show names and types "
-            "while the graph runs. A node that offers one late needs a longer "
+            "while the graph runs. A node that offers it late needs a longer "
             "'benchmark.start_timeout'.",
         )
 

@@ -100,8 +100,8 @@ class PhaseGraph:
         unread = [topic for topic in missing if topic in facts.inputs and not missing[topic][0]]
         if unread:
             hint = (
-                f"Remove inputs that no node is to read ({', '.join(unread)}); 'r2bspec interfaces "
-                f"SPEC' finds out to what nodes subscribe. {hint}"
+                f"Remove inputs that no node reads ({', '.join(unread)}); 'r2bspec interfaces "
+                f"SPEC' shows what nodes subscribe to. {hint}"
             )
         return self.error(
             facts,

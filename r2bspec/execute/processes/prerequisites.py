@@ -288,7 +288,7 @@ def require_address_space() -> None:
 
 
 _MORE_ADDRESS_SPACE = (
-    "Raise it, or take it away: ulimit -v unlimited. Processes of a run need 1 GiB and more."
+    "Raise or remove it: ulimit -v unlimited. Processes of a run need 1 GiB and more."
 )
 
 _NO_MEMORY = re.compile(

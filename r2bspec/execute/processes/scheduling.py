@@ -179,10 +179,9 @@ def locked_bytes(plan: ProcessPlan, pid: int) -> int:
     locked = sum(map(_locked_bytes_of, family(pid)))
     if not locked and psutil.pid_exists(pid):
         raise RunError(
-            f"process {plan.name}: its memory is not locked: it initialises no rcl, or its memory "
-            "is more than can be locked",
-            hint="Its log has the reason of the system, if there is one. A program without ROS "
-            "has to call mlockall itself.",
+            f"process {plan.name}: its memory is not locked: it does not initialise rcl, or "
+            "has more memory than can be locked",
+            hint="Its log may have the reason. A program without ROS has to call mlockall itself.",
             code="R2B637",
         )
     return locked

@@ -61,7 +61,7 @@ class SilentOutputs:
 
         Args:
             silent: the monitors, by name.
-            final: whether the start is not waited for any longer.
+            final: whether the start is no longer waited for.
 
         Raises:
             GraphDifferencesError: the graph differs from the plan: there never is an output.
@@ -176,8 +176,8 @@ class SilentOutputs:
         arrived = any(facts.topics[topic].passed for topic in facts.inputs)
         if begins_at_input and not arrived and not late:
             raise DeadInputError(
-                f"from {segment.id} on, what was played did not arrive: {reason}, not even at "
-                "r2bspec's own subscription, so that nothing is known of the graph",
+                f"from {segment.id} on, no played message arrived, not even at r2bspec's own "
+                f"subscription ({reason}): the graph was not tested",
                 hint="The middleware has failed. Look for a full /dev/shm and other causes with "
                 "'r2bspec doctor', or try another middleware, and run again.",
             )

@@ -584,7 +584,7 @@ class Start:
         self._supervisor.pump_for(_IDLE_WINDOW_S)
         if idle.update() == 0 or not idle.answer():
             return False
-        self._context.note("all nodes are idle and answer: the start is not waited for any longer")
+        self._context.note("all nodes are idle and answer: the start is no longer waited for")
         return True
 
 
@@ -673,7 +673,7 @@ class StartSequence:
         publishers = self.starts[-1].foreign_publishers() if self.starts else ()
         self.foreign = tuple(dict.fromkeys((*before, *publishers)))
         for publisher in self.foreign[len(before) :]:
-            self.context.note(f"a program that is not of this run has published on {publisher}")
+            self.context.note(f"a program outside of this run has published on {publisher}")
         return bool(self.foreign)
 
     def name_start(self, error: errors.RunError) -> None:

@@ -78,7 +78,7 @@ def test_a_run_waits_and_says_for_whom(
     assert notes.texts == [
         (
             "waiting in place 2 of the queue of this host, behind the other one "
-            f"(process {holder.pid}): how long is not known"
+            f"(process {holder.pid}): for an unknown time"
         )
     ]
     (ticket,) = played

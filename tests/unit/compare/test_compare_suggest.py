@@ -139,7 +139,7 @@ def test_a_peak_that_is_known_roughly_has_no_limit(run: Run) -> None:
         searched = msgspec.structs.replace(result, metrics=metrics)
         return propose_objectives(loaded, SPEC, searched, lambda _: result)
 
-    said = "peak.rate: it is known to 50% only, too roughly"
+    said = "peak.rate: it is known to 50% only, which is too coarse"
     assert said in found(0.5).notes
     assert not any(note.startswith(said[:25]) for note in found(0.02).notes)
 

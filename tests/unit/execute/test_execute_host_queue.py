@@ -116,8 +116,8 @@ def test_who_waits_sees_its_place_and_the_time_change(join: Join) -> None:
     [
         ([(30.0, 10.0)], "about 20 s"),
         ([(30.0, 10.0), (60.0, None)], "about 80 s"),
-        ([(30.0, 40.0)], "how long is not known"),
-        ([(None, 40.0)], "how long is not known"),
+        ([(30.0, 40.0)], "for an unknown time"),
+        ([(None, 40.0)], "for an unknown time"),
         ([(30.0, 40.0), (60.0, None)], "60 s or more"),
         ([(30.0, 30.0 - 1e-3)], "about 1 s"),
     ],

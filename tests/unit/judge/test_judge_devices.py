@@ -63,7 +63,7 @@ def test_requirements_on_devices_are_judged_and_reported(tmp_path: Path) -> None
         ("gpu.power.mean <= 9 W", {}, "NVML knows no GPU"),
         ("gpu.memory.max <= 9 B", {}, "NVML knows no GPU"),
         ("energy.package <= 9 J", {}, "no counter"),
-        ("gpu.decoder.max <= 9 %", {"busy_s": 1.0}, "the machine did not tell it all the time"),
+        ("gpu.decoder.max <= 9 %", {"busy_s": 1.0}, "the machine did not report it all the time"),
     ],
 )
 def test_what_is_not_measured_is_open_and_says_why(

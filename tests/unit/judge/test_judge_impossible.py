@@ -158,9 +158,7 @@ def test_by_order_one_lost_message_makes_the_latency_unknown(tmp_path: Path, met
     assert "Match by stamp" in latency.remedy
     assert drops.outcome == "pass"
     (order,) = drops.notes
-    assert order == (
-        "Outputs are matched by order: a lost one and another that came twice cancel out."
-    )
+    assert order == ("Outputs are matched by order: a lost output and a duplicate cancel out.")
 
 
 @pytest.mark.parametrize(
@@ -304,7 +302,7 @@ def test_times_that_cannot_be_are_damage(
     rows[field] = times
     RunFolder(tmp_path).write_playback(segment.id, rows)
     renew_digests(tmp_path)
-    with pytest.raises(RecordError, match=f"{field} has a time that cannot be"):
+    with pytest.raises(RecordError, match=f"{field} has an impossible time"):
         open_run(tmp_path).playback(segment)
 
 
@@ -317,5 +315,5 @@ def test_sums_that_cannot_be_are_damage(field: str, value: float, tmp_path: Path
     rows[field][1] = value
     RunFolder(tmp_path).write_resources(rows)
     renew_digests(tmp_path)
-    with pytest.raises(RecordError, match=f"{field} has a value that cannot be"):
+    with pytest.raises(RecordError, match=f"{field} has an impossible value"):
         open_run(tmp_path).resources()

@@ -23,7 +23,8 @@ from r2bspec.middleware.middleware import (
     selected_rmw,
 )
 
-PAGE = Path(__file__).parents[3] / "docs" / "middleware.md"
+ROOT = Path(__file__).parents[3]
+PAGE = ROOT / "docs" / "middleware.md"
 KINDS: tuple[TransportKind, ...] = ("inherit", "shared_memory", "udp")
 EVERY_ONE = pytest.mark.parametrize(
     "middleware",
@@ -57,8 +58,9 @@ def test_where_none_is_selected_ros_loads_fast_dds(environ: dict[str, str]) -> N
 
 @pytest.fixture
 def other_dds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Middleware]:
-    """The middleware of the page's example, as one more file of the package."""
-    (example,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    """The middleware of the example for contributors, as one more file of the package."""
+    page = (ROOT / "CONTRIBUTING.md").read_text()
+    (example,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     (tmp_path / "other_dds.py").write_text(example)
     caches = (known_middlewares, middleware_named)
     with monkeypatch.context() as patch:

@@ -188,7 +188,7 @@ def test_what_there_is_nothing_of_is_not_spoken_of(reported: Callable[[str], Rep
         for words in ("starts of the", "interference in", "rmw_", "no partner", 'id="profile"'):
             assert words not in shown, name
         # Nor is said what every run would have alike.
-        for words in ("another hour may differ", "of a kind not met", "resembles the one before"):
+        for words in ("another hour may differ", "of a kind not met", "resembles the previous"):
             assert words not in shown, name
 
 
