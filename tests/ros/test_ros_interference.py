@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -252,7 +253,10 @@ def test_a_node_of_others_takes_part(
 
 
 @only_nightly()
-def test_an_external_node_that_is_not_there_is_missed(bench: Bench) -> None:
+def test_an_external_node_that_is_not_there_is_missed(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DISCOVERY_SERVER", "127.0.0.1:11811")
     spec = relay_spec(
         graph={
             "nodes": {
@@ -264,4 +268,5 @@ def test_an_external_node_that_is_not_there_is_missed(bench: Bench) -> None:
     )
     finished = bench.run(spec)
     assert finished.status == 4
-    assert "absent" in finished.error
+    assert re.search(r"yaml:\d+:\d+: error\[R2B649[^\n]+absent", finished.stderr)
+    assert "ROS_DISCOVERY_SERVER is not passed on to the run" in finished.stderr

@@ -28,6 +28,7 @@ from r2bspec.execute.errors import NotReadyError
 from r2bspec.execute.processes.resources import RunQueueWaits, family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
+from r2bspec.middleware.middleware import DISCOVERY_VARIABLES
 from r2bspec.plan.command_lines import INCLUDED_LAUNCH, container_node_name, has_planned_name
 from r2bspec.plan.plan import Plan, ProbePlan, ProcessPlan
 from r2bspec.record.run_folder import RunFolder
@@ -219,9 +220,19 @@ def wait_for_external(plan: Plan, supervisor: ProcessSupervisor, deadline: Start
     if missing := _wait_until_empty(lacking, supervisor, deadline):
         raise NotReadyError(
             f"external: {', '.join(missing)} is not running, or not in this ROS domain",
-            hint="Start it before the run, in the same ROS domain.",
+            hint=f"Start it before the run, in the same ROS domain.{_unpassed_discovery(plan)}",
             code="R2B649",
+            blamed=missing[0],
         )
+
+
+def _unpassed_discovery(plan: Plan) -> str:
+    """Return which variables an external node may use for its discovery, and the run does not."""
+    names = [name for name in DISCOVERY_VARIABLES if os.environ.get(name)]
+    unpassed = ", ".join(name for name in names if name not in plan.environment)
+    if not unpassed:
+        return ""
+    return f" {unpassed} is not passed on to the run: if the node uses it, add it to 'environment'."
 
 
 def _wait_until_empty(
