@@ -110,6 +110,7 @@ def _weighted(result: Result) -> Iterator[Note]:
         ),
         # Each start has a process of the name; that all end in one way is one note.
         (Weight.BROKEN, _exit_notes(result)),
+        (Weight.BROKEN, _fitting_matches(result)),
         (Weight.BUSY, _busy_notes(result)),
         (Weight.OPEN, _requirement_notes(result, ("fail", "inconclusive"))),
         (Weight.OPEN, _untested(result, met=True)),
@@ -362,6 +363,14 @@ def _is_feedback(name: str, measured: Container[str]) -> bool:
     return action != name and action in measured and f"{action}{ACCEPTED}" in measured
 
 
+def _fitting_matches(result: Result) -> Iterator[str]:
+    """Yield how outputs answer inputs where the spec says otherwise, which explains losses."""
+    for rate in result.metrics.rates:
+        for name, seen in rate.pooled.monitors.items():
+            if seen.fitting_match and seen.own_period_s is None:
+                yield f"{name} {at_rate(rate.offered_hz, rate.pace)}: {seen.fitting_match}"
+
+
 def _message_anomalies(result: Result) -> Iterator[str]:
     """Messages that did not arrive exactly once, in order, and in response to an input."""
     for rate in result.metrics.rates:
@@ -380,8 +389,6 @@ def _message_anomalies(result: Result) -> Iterator[str]:
                 )
                 yield f"{where}: {own_pace_text(seen.own_period_s, 1 / hz if hz else 0.0)}"
                 continue
-            if seen.fitting_match:
-                yield f"{where}: {seen.fitting_match}"
             sent = seen.count("sent")
             if seen.is_expected and seen.expected != sent:
                 inputs, outputs = show(sent, "count"), show(seen.expected, "count")
