@@ -37,7 +37,7 @@ from r2bspec.record.sample_arrays import MONITOR_FIELDS
 
 _Found = TypeVar("_Found")
 
-HANG_S = 180.0
+HANG_S = 600.0
 """Guards against hanging only; nothing that passes takes so long."""
 
 IMAGE = "sensor_msgs/msg/Image"
