@@ -3,7 +3,8 @@
 A limit is the measured value with a margin: 1.3 times, or more if the starts scatter (in a run of
 one start, the iterations): three standard deviations of their logarithms. If that doubles the
 value, nothing is proposed. A limit is never below the largest value of a start. If the spec has a
-gate, a limit of the median `of baseline` is proposed beside it, which no run alone can show.
+gate, a limit `of baseline` is proposed beside it, which no run alone can show: of the work, which
+other programs disturb least, or, if that was not measured, of the median latency.
 
 Of the percentiles, the highest is proposed whose requirement the run itself passes: one that needs
 more messages than were played would be inconclusive.
@@ -84,6 +85,7 @@ _SHARES = (0.001, 0.005, 0.01, 0.02, 0.05)
 """Shares of lost messages that are proposed, the smallest that the run passes."""
 
 _MOST_LOST = 0.05
+_WORK_LIMIT = "work.graph.p50 <= 105 % of baseline"
 _PEAK_STEPS = 2
 """By how many times the precision of the search the limit is below the peak that it found."""
 
@@ -187,9 +189,13 @@ def _candidates(
         at = f"{rate.offered_hz:g} Hz" if rate.pace == "rate" else ""
         measured = f"measured_at_{rate.offered_hz:g}_hz".replace(".", "_") if at else "measured"
         name = _free_name(spec, measured)
+        has_work = rate.pooled.graph is not None and rate.pooled.graph.work is not None
+        if gated and has_work and not _requires_part(spec, rate, "work.graph"):
+            yield _Candidate(name, at, "work.graph", (_WORK_LIMIT,), certain=True)
         for monitor in rate.pooled.monitors:
             prefix = f"{monitor}." if several else ""
-            where = f"{prefix}latency{f' at {at}' if at else ''}"
+            at_rate = f" at {at}" if at else ""
+            where = f"{prefix}latency{at_rate}"
             if not _has_requirement(spec, rate, monitor, "latency"):
                 limits = [
                     (part, limit)
@@ -217,7 +223,7 @@ def _candidates(
                             "see their scatter"
                         )
                     yield _Candidate(name, at, where, texts, limits[0][1].why if texts else "")
-                    if gated and texts:
+                    if gated and texts and not has_work:
                         percent = 5 * math.ceil(20 * _DEVIATIONS * limits[-1][1].scatter)
                         ratio = f"{prefix}latency.p50 <= {100 + max(10, percent)} % of baseline"
                         yield _Candidate(name, at, where, (ratio,), certain=True)
@@ -231,7 +237,7 @@ def _candidates(
             shares = tuple(
                 f"{prefix}drop_rate <= {100 * share:g} %" for share in _SHARES if share >= lost
             )
-            yield _Candidate(name, at, f"{prefix}drop_rate", shares)
+            yield _Candidate(name, at, f"{prefix}drop_rate{at_rate}", shares)
         yield from _part_candidates(spec, rate, name, at)
     search = result.metrics.search
     metrics = [

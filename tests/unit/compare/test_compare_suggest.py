@@ -139,7 +139,7 @@ def test_a_peak_that_is_known_roughly_has_no_limit(run: Run) -> None:
         searched = msgspec.structs.replace(result, metrics=metrics)
         return propose_objectives(loaded, SPEC, searched, lambda _: result)
 
-    said = "peak.rate: it is known to 50% only, which is too coarse"
+    said = "peak.rate: it is known to 50%, which is too coarse"
     assert said in found(0.5).notes
     assert not any(note.startswith(said[:25]) for note in found(0.02).notes)
 
@@ -189,12 +189,22 @@ def test_scatter_that_doubles_the_value_has_no_limit(tmp_path: Path) -> None:
     assert not any("latency" in each for texts in found.added.values() for each in texts)
 
 
-def test_a_spec_with_a_gate_gets_a_limit_of_the_baseline(run: Run) -> None:
-    gated = SPEC.replace("duration: 10 s}", "duration: 10 s, gate: {confidence: 95 %}}")
-    (texts,) = proposed(run, gated).added.values()
-    assert "latency.p50 <= 110 % of baseline" in texts
+GATED = SPEC.replace("duration: 10 s}", "duration: 10 s, gate: {confidence: 95 %}}")
+
+
+def test_a_spec_with_a_gate_gets_a_limit_of_the_work_of_the_baseline(run: Run) -> None:
+    (texts,) = proposed(run, GATED).added.values()
+    assert [text for text in texts if "baseline" in text] == ["work.graph.p50 <= 105 % of baseline"]
     (texts,) = proposed(run, SPEC).added.values()
-    assert not any("baseline" in each for each in texts)
+    assert not any("baseline" in text for text in texts)
+
+
+def test_a_spec_with_a_gate_gets_a_limit_of_the_latency_where_work_is_unknown(
+    tmp_path: Path,
+) -> None:
+    unread = Simulation(segments=played(), cpu={"player": 0.1}).write(tmp_path / "run")
+    (texts,) = proposed(unread, GATED).added.values()
+    assert [text for text in texts if "baseline" in text] == ["latency.p50 <= 110 % of baseline"]
 
 
 def test_what_disturbed_the_run_is_said_of_its_limits(run: Run) -> None:
