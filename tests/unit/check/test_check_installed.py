@@ -134,7 +134,7 @@ def test_a_file_that_is_not_there_or_not_beside_the_spec(workspace: Path) -> Non
     ("target", "advice"),
     [
         ("./node.py:Detector", "did you mean './nodes.py'?"),
-        ("nodes.Detector", "for the file beside the spec, write ./nodes.py:Detector"),
+        ("my_nodes.Detector", "for the file beside the spec, write ./my_nodes.py:Detector"),
         ("inside.graph.Detector", "write ./inside/graph.py:Detector"),
         ("inside/grap.py:Detector", "did you mean 'inside/graph.py'?"),
         ("nothing_of_this_name.Detector", "install it, or source its workspace"),
@@ -144,7 +144,7 @@ def test_a_wrong_target_is_answered_with_the_file_that_is_there(
     target: str, advice: str, workspace: Path
 ) -> None:
     (workspace / "inside").mkdir()
-    for file in ("nodes.py", "inside/graph.py"):
+    for file in ("nodes.py", "my_nodes.py", "inside/graph.py"):
         (workspace / file).write_text("class Detector: ...", encoding="utf-8")
     (found,) = findings(node(f"python: '{target}'"))
     assert advice in found.help
