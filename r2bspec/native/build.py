@@ -250,8 +250,7 @@ def _compile(target: Path, command: Sequence[str]) -> None:
             f"{command[0]} cannot compile {target.name}; it ended with status {done.returncode}"
             + (":\n" + "\n".join(text) if text else " and printed nothing"),
             hint="Headers of libc may be missing (Debian and Ubuntu: apt install libc6-dev), "
-            "or CC is not a C compiler; otherwise please report it, with "
-            "this text.",
+            "or CC is not a C compiler; otherwise please report it, with this text.",
         )
 
 

@@ -235,7 +235,7 @@ def test_a_base_whose_code_fails_twice_is_not_to_be_tried_again(
     assert pair.unusable.endswith(str(cause))
 
 
-OWN_TIMES = "the load has times of its own"
+OWN_TIMES = "the load has its own times"
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from command_line import Call
 from example_spec import example
 from r2bspec import api
 from r2bspec.errors import R2bspecError
+from r2bspec.plan.prepared_benchmark import PreparedBenchmark
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ConfirmationRecord
 from report_runs import EMPTY
@@ -67,7 +67,7 @@ def test_a_run_that_fails_still_has_its_reports(
         EMPTY.write(folder)
         raise R2bspecError("a process died")
 
-    prepared = SimpleNamespace(loaded=None, plan=EMPTY.plan())
+    prepared = PreparedBenchmark(EMPTY.plan(), tmp_path, "")
     monkeypatch.setattr(api, "prepare", lambda *_, **__: prepared)
     monkeypatch.setattr(api, "run", fail)
     target = tmp_path / "junit.xml"
