@@ -50,6 +50,7 @@ _LOADED = "recorded"
 _OFFERED = r"^(?!lifecycle_msgs/)\w+/(srv|action)/\w+$"
 """Types of services and actions that are a node's own."""
 UNKNOWN_OUTPUTS = "what the nodes publish"
+OTHER_TOPICS = "other topics"
 """How a spec says that it does not know the outputs."""
 
 
@@ -222,7 +223,7 @@ class _Draft:
             for topic, line in node.interface.unread_qos.items()
         ]
         return unread + [
-            f"whether {node.key} {does} other topics: {why}"
+            f"whether {node.key} {does} {OTHER_TOPICS}: {why}"
             for node in self.measured.nodes
             for does, why in (
                 ("subscribes to", node.interface.may_subscribe_more),

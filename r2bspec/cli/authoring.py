@@ -178,7 +178,7 @@ def init_command(
 
     text, findings, why_no_topics = drafted()
     failed = 0
-    if probe and (why_no_topics or _lacks_outputs(text)):
+    if probe and (why_no_topics or _lacks_topics(text)):
         spec = _draft_spec(text, spec_file)
         key = next(key for key, each in spec.graph.nodes.items() if each.python == node)
         failed = _record(spec, spec_file.parent, (key,), timeout_s)
@@ -189,7 +189,7 @@ def init_command(
         echo(f"The topics of {node} are not known, so 'input' and 'output' stand for them:")
         echo(f"  {why_no_topics}")
     echo(f"created {spec_file}. Next:")
-    if not probe and node and (why_no_topics or _lacks_outputs(text)):
+    if not probe and node and (why_no_topics or _lacks_topics(text)):
         echo(f"  rm {spec_file}, and this 'init' again with --probe, which starts {node}")
     echo(f"  r2bspec validate {spec_file}    checks it")
     judges = "judges it by its 'slos:'" if _SLOS.search(text) else "judges nothing: add 'slos:'"
@@ -230,11 +230,12 @@ def _launch_arguments(written: tuple[str, ...]) -> dict[str, str]:
     return {name: value for name, _, value in pairs}
 
 
-def _lacks_outputs(text: str) -> bool:
-    """Return whether a draft says that it does not know the outputs."""
-    from r2bspec.authoring.draft_spec import UNKNOWN_OUTPUTS
+def _lacks_topics(text: str) -> bool:
+    """Return True if a draft says that it does not know all topics of its nodes."""
+    from r2bspec.authoring.draft_spec import OTHER_TOPICS, UNKNOWN_OUTPUTS
 
-    return f"# - {UNKNOWN_OUTPUTS}:" in text
+    said = " ".join(text.partition("\nr2bspec:")[0].replace("\n#", " ").split())
+    return f"- {UNKNOWN_OUTPUTS}:" in said or f" {OTHER_TOPICS}: " in said
 
 
 def _git_would_add_runs() -> bool:
