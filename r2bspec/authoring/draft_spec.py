@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as replace_value
 from pathlib import Path
+from typing import NamedTuple
 
 from msgspec.structs import replace
 
@@ -49,8 +50,6 @@ _ENOUGH_FOR_RATE = 10
 _LOADED = "recorded"
 _OFFERED = r"^(?!lifecycle_msgs/)\w+/(srv|action)/\w+$"
 """Types of services and actions that are a node's own."""
-UNKNOWN_OUTPUTS = "what the nodes publish"
-OTHER_TOPICS = "other topics"
 """How a spec says that it does not know the outputs."""
 
 
@@ -138,6 +137,7 @@ class _Draft:
         transforms: recorded topics of transforms that are published.
         calls: entries of ``playback.calls``: the services and actions of nodes without outputs.
         measured: what is known of the nodes.
+        lacks_topics: whether the nodes may have topics, or have outputs, that are not known.
     """
 
     name: str
@@ -151,6 +151,7 @@ class _Draft:
     transforms: list[str] = field(default_factory=list)
     calls: Block = field(default_factory=Block)
     unknown: list[str] = field(default_factory=list)
+    lacks_topics: bool = False
     namespace: str = field(init=False)
     measured: PhaseWiring = field(init=False)
 
@@ -162,6 +163,10 @@ class _Draft:
             self._add_placeholder()
         self.measured = self._wiring()
         self.unknown += self._doubts()
+        interfaces = [node.interface for node in self.measured.nodes]
+        self.lacks_topics = any(
+            interface.may_subscribe_more or interface.may_publish_more for interface in interfaces
+        )
         if self.recording is not None:
             self._select_inputs()
             self._select_lead()
@@ -223,7 +228,7 @@ class _Draft:
             for topic, line in node.interface.unread_qos.items()
         ]
         return unread + [
-            f"whether {node.key} {does} {OTHER_TOPICS}: {why}"
+            f"whether {node.key} {does} other topics: {why}"
             for node in self.measured.nodes
             for does, why in (
                 ("subscribes to", node.interface.may_subscribe_more),
@@ -370,8 +375,9 @@ class _Draft:
             self._select_calls()
         if not self.outputs and not self.calls:
             self.outputs = {"/rosout": "rcl_interfaces/msg/Log"}
+            self.lacks_topics = True
             self.unknown.append(
-                f"{UNKNOWN_OUTPUTS}: the monitor is on /rosout until you name an output; "
+                "what the nodes publish: the monitor is on /rosout until you name an output; "
                 "'r2bspec interfaces' finds out what nodes publish. Of services and actions, the "
                 "answers are measured: 'playback.calls' instead of inputs and monitors"
             )
@@ -556,13 +562,20 @@ class _Draft:
         return Block.of({"keeps_up": objective})
 
 
-def draft_text(
+class DraftedSpec(NamedTuple):
+    """The text of a spec, and whether it lacks topics of its nodes, because they are not known."""
+
+    text: str
+    lacks_topics: bool
+
+
+def draft_spec(
     name: str,
     sources: list[str],
     nodes: DraftNodes,
     recording: DraftRecording | None,
     base_dir: Path,
-) -> str:
+) -> DraftedSpec:
     """Return a spec of the known parts, with comments about the unknown parts.
 
     Args:
@@ -574,7 +587,7 @@ def draft_text(
     """
     draft = _Draft(name, nodes, recording, base_dir)
     draft.complete()
-    return draft.text(sources)
+    return DraftedSpec(draft.text(sources), draft.lacks_topics)
 
 
 def _data_topics(recording: DraftRecording | None) -> list[TopicInfo]:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from r2bspec.authoring.draft_spec import DraftNodes, DraftRecording, draft_text
+from r2bspec.authoring.draft_spec import DraftNodes, DraftRecording, draft_spec
 from r2bspec.authoring.launch_source import add_launch_nodes, find_launch_file
 from r2bspec.bags.recorded_parts import find_parts
 from r2bspec.bags.recorded_times import times_of_bag
@@ -70,9 +70,10 @@ class InitSources:
 
 @dataclass(frozen=True, slots=True)
 class FirstSpec:
-    """A first spec: its text, and how it differs from its sources."""
+    """A first spec: its text, whether it lacks topics, and how it differs from its sources."""
 
     text: str
+    lacks_topics: bool = False
     findings: tuple[Diagnostic, ...] = ()
 
 
@@ -109,7 +110,7 @@ def spec_from_sources(name: str, folder: Path, sources: InitSources) -> FirstSpe
     recording = _recording(sources.bag, folder) if sources.bag else None
     if recording is not None:
         shown.append(f"the recording {recording.written}")
-    return FirstSpec(draft_text(name, shown, draft, recording, folder), findings)
+    return FirstSpec(*draft_spec(name, shown, draft, recording, folder), findings)
 
 
 def find_node(wanted: str, folder: Path) -> str:

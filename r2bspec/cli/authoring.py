@@ -6,7 +6,7 @@ import contextlib
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -155,10 +155,8 @@ def init_command(
     is_default = chosen is click.core.ParameterSource.DEFAULT
     arguments = _launch_arguments(launch_arguments)
 
-    def drafted() -> tuple[str, tuple[Diagnostic, ...], str]:
-        """Return the spec, findings about its sources, and why no topics of the node are known."""
-        text = why_no_topics = ""
-        findings: tuple[Diagnostic, ...] = ()
+    def drafted() -> _Drafted:
+        why_no_topics = ""
         if has_sources or node:
             from r2bspec.authoring import sources
 
@@ -172,32 +170,52 @@ def init_command(
                     bag, launch, arguments, graph, node, parameter_file, timeout_s
                 )
                 first = sources.spec_from_sources(benchmark, folder, given)
-                text, findings = filled(first.text, None, schema), first.findings
-        text = text or filled(with_node(templates()[template], node), benchmark, schema)
-        return text, findings, why_no_topics
+                text = filled(first.text, None, schema)
+                lacks_topics = first.lacks_topics or bool(why_no_topics)
+                return _Drafted(text, first.findings, lacks_topics, why_no_topics)
+        text = filled(with_node(templates()[template], node), benchmark, schema)
+        return _Drafted(text, (), bool(why_no_topics), why_no_topics)
 
-    text, findings, why_no_topics = drafted()
+    first = drafted()
     failed = 0
-    if probe and (why_no_topics or _lacks_topics(text)):
-        spec = _draft_spec(text, spec_file)
+    if probe and first.lacks_topics:
+        spec = _draft_spec(first.text, spec_file)
         key = next(key for key, each in spec.graph.nodes.items() if each.python == node)
         failed = _record(spec, spec_file.parent, (key,), timeout_s)
-        text, findings, why_no_topics = drafted()
-    _write_new({spec_file: text})
-    print_findings("text", findings, {}, (), err=True)
-    if why_no_topics:
+        first = drafted()
+    _write_new({spec_file: first.text})
+    print_findings("text", first.findings, {}, (), err=True)
+    if first.why_no_topics:
         echo(f"The topics of {node} are not known, so 'input' and 'output' stand for them:")
-        echo(f"  {why_no_topics}")
+        echo(f"  {first.why_no_topics}")
     echo(f"created {spec_file}. Next:")
-    if not probe and node and (why_no_topics or _lacks_topics(text)):
+    if not probe and node and first.lacks_topics:
         echo(f"  rm {spec_file}, and this 'init' again with --probe, which starts {node}")
     echo(f"  r2bspec validate {spec_file}    checks it")
-    judges = "judges it by its 'slos:'" if _SLOS.search(text) else "judges nothing: add 'slos:'"
+    judges = (
+        "judges it by its 'slos:'" if _SLOS.search(first.text) else "judges nothing: add 'slos:'"
+    )
     echo(f"  r2bspec run {spec_file}         runs it and {judges}")
     if _git_would_add_runs():
         echo("Runs are stored below runs/, which git does not ignore yet:")
         echo("  echo runs/ >> .gitignore")
     return ExitStatus.RUN_FAILED if failed else ExitStatus.OK
+
+
+class _Drafted(NamedTuple):
+    """The spec that ``init`` writes.
+
+    Attributes:
+        text: of the spec.
+        findings: about its sources.
+        lacks_topics: whether not all topics of its nodes are known.
+        why_no_topics: why no topics of the node are known; empty if some are.
+    """
+
+    text: str
+    findings: tuple[Diagnostic, ...]
+    lacks_topics: bool
+    why_no_topics: str
 
 
 def _draft_spec(text: str, spec_file: Path) -> Spec:
@@ -228,14 +246,6 @@ def _launch_arguments(written: tuple[str, ...]) -> dict[str, str]:
                 f"{text!r} is no launch argument", hint="Write NAME:=VALUE, as for 'ros2 launch'."
             )
     return {name: value for name, _, value in pairs}
-
-
-def _lacks_topics(text: str) -> bool:
-    """Return True if a draft says that it does not know all topics of its nodes."""
-    from r2bspec.authoring.draft_spec import OTHER_TOPICS, UNKNOWN_OUTPUTS
-
-    said = " ".join(text.partition("\nr2bspec:")[0].replace("\n#", " ").split())
-    return f"- {UNKNOWN_OUTPUTS}:" in said or f" {OTHER_TOPICS}: " in said
 
 
 def _git_would_add_runs() -> bool:

@@ -17,7 +17,7 @@ from golden import compare
 from launch_specs import stored
 from nightly import sampled
 from r2bspec.api import compile_plan, load, validate
-from r2bspec.authoring.draft_spec import DraftNodes, draft_text
+from r2bspec.authoring.draft_spec import DraftNodes, draft_spec
 from r2bspec.authoring.sources import add_graph_nodes
 from r2bspec.cli.main import main
 from transform_bags import write_transform_bag
@@ -213,7 +213,7 @@ def test_a_graph() -> None:
         graph_node("detector", "/other"),
     ]
     add_graph_nodes(draft, nodes)
-    Path("made.r2b.yaml").write_text(draft_text("made", ["a graph"], draft, None, Path()))
+    Path("made.r2b.yaml").write_text(draft_spec("made", ["a graph"], draft, None, Path()).text)
     assert [each for each in validate(Path("made.r2b.yaml")) if each.severity == "error"] == []
     text = Path("made.r2b.yaml").read_text()
     assert "#   size: 0.5" in text
