@@ -59,7 +59,7 @@ class TopicTimes(NamedTuple):
     def rate_hz(self) -> float:
         """The rate at which the messages were made: that of the stamps, if they tell it.
 
-        A simulation has a pace of its own.
+        A simulation runs at its own pace, which its stamps do not tell.
         """
         is_told = self.is_stamped and self._is_ordered and self.clock != "simulated"
         return _rate_hz(self.stamps_ns if is_told else self.recorded_ns)

@@ -174,7 +174,7 @@ def bound_backwards(context: Context) -> Findings:
 
 
 _DELAYS = ("latency", "latency_from_due", "age")
-"""A lower bound alone is most likely a mistake; beside an upper one, it is of a known value."""
+"""A lower bound alone is most likely a mistake; with an upper bound, it limits a known value."""
 
 
 def _has_upper(context: Context, metric: KnownMetric) -> bool:

@@ -110,13 +110,11 @@ class SourceNames:
             return None
         for statement in self._tree.body:
             match statement:
-                case ast.Assign(targets=[ast.Name(id=target)], value=value) if target == name:
-                    pass
-                case ast.AnnAssign(target=ast.Name(id=target), value=value) if target == name:
-                    pass
-                case _:
-                    continue
-            return None if self._is_hidden(name, statement.lineno) else value
+                case (
+                    ast.Assign(targets=[ast.Name(id=target)], value=value)
+                    | ast.AnnAssign(target=ast.Name(id=target), value=value)
+                ) if target == name:
+                    return None if self._is_hidden(name, statement.lineno) else value
         return None
 
     def full_name(self, node: ast.expr) -> str:
