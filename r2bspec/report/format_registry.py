@@ -58,9 +58,7 @@ class Format:
 FORMATS: Final[dict[str, Format]] = {
     "json": Format("result_json:render", "the content of result.json"),
     "text": Format("terminal:render", "the terminal report, without colours"),
-    "html": Format(
-        "html.page:render", "one self-contained page with charts", ("jinja2", "matplotlib")
-    ),
+    "html": Format("html.page:render", "one self-contained page with charts", ("jinja2",)),
     "markdown": Format("markdown:render", "Markdown for a comment or a step summary"),
     "github": Format("pipelines:render_github", "annotations on the spec's lines"),
     "junit": Format("pipelines:render_junit", "JUnit XML, a test case for each requirement"),

@@ -86,7 +86,7 @@ def result_document(
         Section("Load", (*drawn.get("Load", ()), *_load_blocks(result)), folded=True),
         Section(
             "Anatomy",
-            (*drawn.get("Anatomy", ()), *_anatomy_blocks(result, whole=whole or verbose)),
+            tuple(_anatomy_blocks(result, whole=whole or verbose)),
             folded=True,
         ),
         Section("Profile", tuple(_profile_blocks(result))),

@@ -1,391 +1,336 @@
-"""Charts as inline SVG, with the same settings for all and data for the script of the page.
+"""Charts as inline SVG: panels one below the other, each with two axes and marks.
 
-The library writes ``style`` attributes, which a strict content security policy blocks, and ids that
-repeat from one drawing to the next. Here every style becomes presentation attributes, every id gets
-the drawing's own prefix, and every colour of the palette also becomes a class, so that a stylesheet
-can change it if one is allowed (dark mode).
+Marks have the values of the axes as coordinates. Labelled series are what the script of the page
+shows at the pointer.
 """
 
 from __future__ import annotations
 
-import io
 import json
-import os
-import re
-import warnings
-import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import Final
 
 from r2bspec.diagnostics.quote import printable
 from r2bspec.report.document import Chart
+from r2bspec.report.html.template import fill
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
+SERIES_INKS: Final = ("s0", "s1", "s2", "s3", "s4", "s5")
+OUTCOME_INKS: Final = {"pass": "good", "fail": "bad", "inconclusive": "unsure"}
 
-
-PALETTE: Final = {
-    "ink": "#1b2330",
-    "quiet": "#566070",
-    "grid": "#dde3ea",
-    "paper": "#ffffff",
-    "band": "#eef2f6",
-    "bad": "#b3261e",
-    "good": "#1b7a3d",
-    "unsure": "#8a5a00",
-    "s0": "#0b62a8",
-    "s1": "#b35500",
-    "s2": "#00707a",
-    "s3": "#7a3e9d",
-    "s4": "#8c6d00",
-    "s5": "#a8326b",
+_DASHES: Final = ("", "6 3", "8 3 2 3", "2 3", "12 4", "1 2")
+_SHAPES: Final = {
+    "dot": "h0",
+    "circle": "m-3 0a3 3 0 1 0 6 0a3 3 0 1 0-6 0",
+    "cross": "m-3-3l6 6m0-6l-6 6",
+    "diamond": "m0-4l4 4l-4 4l-4-4z",
+    "triangle": "m0-4l4 7h-8z",
 }
-"""Every colour that a drawing may use, by its name in the stylesheet."""
+"""Marks as paths, relative to their points."""
 
-SERIES: Final = tuple(PALETTE[f"s{number}"] for number in range(6))
+_WIDTH: Final = 812
+_LEFT: Final = 72
+_RIGHT: Final = 800
+_LINE: Final = 16
+_CHARACTER: Final = 6.8
+"""The usual width of a character of a legend; texts are drawn by the browser."""
 
-_CLASSES = {colour: name for name, colour in PALETTE.items()}
-_NUMBER = re.compile(r"-?\d+\.\d+")
-_URL_REFERENCE = re.compile(r"url\(#([^)]+)\)")
-_FONT = re.compile(r"(?:(?P<weight>bold|\d{3}) )?(?P<size>[\d.]+px) (?P<family>.*)")
-_ZERO_ROTATION = re.compile(r"rotate\(-?0(?:\.0*)?[ )]")
+_EDGE: Final = 0.16
+"""The share of an axis next to its end in which a label would not fit on the side of the end."""
+
+_MAX_LOG_TICKS: Final = 8
 
 
-def inline(
-    svg: str, name: str, title: str, description: str, data: Mapping[str, str], labels: list[str]
-) -> str:
-    """Return an SVG document as an element of an HTML page.
+def ink(number: int) -> str:
+    """Return the colour of a series; colours repeat after six, and dashes tell series apart."""
+    return SERIES_INKS[number % len(SERIES_INKS)]
 
-    Args:
-        svg: from the library.
-        name: letters, digits and ``-``; unique in the page, put before every id.
-        title: of the drawing, for screen readers.
-        description: what it shows, likewise.
-        data: further attributes of the root, such as ``data-axes``.
-        labels: of the series, whose groups have the ids ``series-0``, ``series-1``, ...
+
+def dashes(number: int) -> str:
+    """Return the dashes of the line of a series, which distinguish it without colour."""
+    return _DASHES[number % len(_DASHES)]
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """An axis.
+
+    Attributes:
+        title: beside it; empty for none.
+        unit: of its values, for the script.
+        low: the value at its left or lower end.
+        high: the value at the other end.
+        ticks: values with their texts; round values if empty.
     """
-    root = ET.fromstring(svg)  # noqa: S314 - written by the plotting library a moment ago
-    used: set[str] = set()
-    for element in root.iter():
-        element.tag = element.tag.rpartition("}")[2]
-        _plain_attributes(element, name, used)
-    _drop(root, {"style", "metadata"})
-    _name_series(root, labels)
-    for element in root.iter():
-        identity = element.get("id")
-        if identity is not None:
-            if identity in used:
-                element.set("id", f"{name}-{identity}")
-            else:
-                del element.attrib["id"]
-    _set_root(root, name, title, description, data)
-    return ET.tostring(root, encoding="unicode")
+
+    title: str
+    unit: str
+    low: float
+    high: float
+    logarithmic: bool = False
+    ticks: Sequence[tuple[float, str]] = ()
+
+    def share(self, value: float) -> float:
+        """Return the place of a value: 0 at the low end, 1 at the high end, and never beyond."""
+        low, high = self.low, self.high
+        if self.logarithmic:
+            low, high, value = math.log(low), math.log(high), math.log(max(value, low))
+        return min(max((value - low) / (high - low), 0.0), 1.0)
+
+    def all_ticks(self) -> Iterator[tuple[float, str]]:
+        """Yield the ticks within the axis, with their texts."""
+        for value, text in self.ticks or ((value, f"{value:,.6g}") for value in self._round()):
+            if self.low <= value <= self.high:
+                yield value, text
+
+    def _round(self) -> list[float]:
+        """Return two to eight round values."""
+        if self.logarithmic:
+            first, last = (math.floor(math.log10(end)) for end in (self.low, self.high))
+            decades = [10.0**power for power in range(first, last + 1)]
+            values = [decade * factor for decade in decades for factor in (1, 2, 5)]
+            inside = [value for value in values if self.low <= value <= self.high]
+            return inside if len(inside) <= _MAX_LOG_TICKS else decades
+        least = (self.high - self.low) / 5
+        size = 10.0 ** math.floor(math.log10(least))
+        step = next(size * factor for factor in (1, 2, 5, 10) if size * factor >= least)
+        numbers = range(math.ceil(self.low / step), math.floor(self.high / step) + 1)
+        return [number * step for number in numbers]
 
 
-def _plain_attributes(element: ET.Element, name: str, used: set[str]) -> None:
-    style = element.attrib.pop("style", "")
-    for declaration in style.split(";"):
-        key, _, value = declaration.partition(":")
-        _declare(element, key.strip(), value.strip())
-    for key in [*element.attrib]:
-        value = element.attrib[key]
-        if key.endswith("}href"):
-            del element.attrib[key]
-            key = "href"
-        if element.tag == "a" and key == "target":
-            del element.attrib[key]
-            continue
-        # A link leads to what is elsewhere in the page.
-        if key == "href" and value.startswith("#") and element.tag != "a":
-            used.add(value[1:])
-            value = f"#{name}-{value[1:]}"
-        elif "url(#" in value:
-            used.update(_URL_REFERENCE.findall(value))
-            value = _URL_REFERENCE.sub(rf"url(#{name}-\1)", value)
-        elif key in {"d", "x", "y", "transform", "points"}:
-            if key == "transform" and _ZERO_ROTATION.match(value):
-                del element.attrib[key]
-                continue
-            value = _round_coordinates(value)
-        element.set(key, value)
-    for key, prefix in (("fill", "f"), ("stroke", "k")):
-        known = _CLASSES.get(element.get(key, ""))
-        if known is not None:
-            before = element.get("class")
-            element.set("class", f"{before} {prefix}-{known}" if before else f"{prefix}-{known}")
+def value_axis(
+    title: str, unit: str, values: Sequence[float], *, logarithmic: bool = False
+) -> Axis:
+    """Return the axis of values of 0 and more, which begins at 0 unless it is logarithmic."""
+    known = [value for value in values if math.isfinite(value) and (value > 0 or not logarithmic)]
+    high = max(known, default=0.0) or 1.0
+    low = min(known, default=high) / 1.2 if logarithmic else 0.0
+    return Axis(title, unit, low, high * (1.2 if logarithmic else 1.08), logarithmic)
 
 
-def _declare(element: ET.Element, key: str, value: str) -> None:
-    """One CSS declaration as a presentation attribute; fonts are the page's own."""
-    if not key or key in {"font-family", "font-stretch"}:
-        return
-    if key == "font":
-        matched = _FONT.fullmatch(value)
-        if matched is not None:
-            element.set("font-size", matched["size"])
-            if matched["weight"]:
-                element.set("font-weight", matched["weight"])
-        return
-    element.set(key, value)
+Point = tuple[float, float]
 
 
-def _round_coordinates(value: str) -> str:
-    """Coordinates to a tenth of a point, on one line."""
-    short = _NUMBER.sub(lambda found: f"{float(found[0]):.1f}".removesuffix(".0"), value)
-    return " ".join(short.split())
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Points that the script shows, as a line, as marks, or as both.
+
+    Attributes:
+        label: what the script calls them.
+        legend: what the legend calls them; empty if it leaves them out.
+        mark: of each point, one of `_SHAPES`; empty for none.
+        filled: whether marks are filled.
+    """
+
+    points: Sequence[Point]
+    label: str
+    ink: str
+    legend: str = ""
+    joined: bool = True
+    dashes: str = ""
+    mark: str = ""
+    filled: bool = True
+    width: float = 1.6
 
 
-def _drop(element: ET.Element, tags: set[str]) -> None:
-    for child in [*element]:
-        if child.tag in tags:
-            element.remove(child)
-        else:
-            _drop(child, tags)
+@dataclass(frozen=True, slots=True)
+class Strokes:
+    """Straight lines from one point to another: limits, ranges, separators."""
+
+    lines: Sequence[tuple[Point, Point]]
+    ink: str
+    width: float = 1.0
+    dashes: str = ""
+    opacity: float = 1.0
 
 
-def _name_series(root: ET.Element, labels: list[str]) -> None:
-    """Groups of series get their labels, for the script."""
-    for element in root.iter("g"):
-        kind, _, number = element.get("id", "").partition("-")
-        if kind == "series" and number.isdecimal():
-            element.set("data-label", labels[int(number)])
+@dataclass(frozen=True, slots=True)
+class Band:
+    """The whole height of a panel between two values of its horizontal axis."""
+
+    first: float
+    last: float
+    ink: str = "band"
+    opacity: float = 1.0
 
 
-def _set_root(
-    root: ET.Element, name: str, title: str, description: str, data: Mapping[str, str]
-) -> None:
-    _, _, width, height = root.get("viewBox", "0 0 0 0").split()
-    for key in ("version", "xmlns"):
-        root.attrib.pop(key, None)
-    root.set("id", name)
-    # Points to CSS pixels; a stylesheet may fit it to the column.
-    root.set("width", f"{float(width) * 4 / 3:.0f}")
-    root.set("height", f"{float(height) * 4 / 3:.0f}")
-    root.set("font-family", "system-ui, 'DejaVu Sans', sans-serif")
-    root.set("stroke-linejoin", "round")
-    root.set("class", "chart")
-    root.set("role", "img")
-    root.set("aria-labelledby", f"{name}-title")
-    root.set("aria-describedby", f"{name}-desc")
-    for key, value in data.items():
-        root.set(key, value)
-    desc = ET.Element("desc", {"id": f"{name}-desc"})
-    desc.text = description
-    root.insert(0, desc)
-    heading = ET.Element("title", {"id": f"{name}-title"})
-    heading.text = title
-    root.insert(0, heading)
+@dataclass(frozen=True, slots=True)
+class Label:
+    """Words beside a point, inside the axes; `above` it where both sides are possible."""
+
+    text: str
+    x: float
+    y: float
+    ink: str = "ink"
+    above: bool = True
 
 
-WIDTH_IN: Final = 8.4
-_POINTS_PER_INCH: Final = 72
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """Two axes with their marks; `left` and `right` stand above them."""
 
-_SETTINGS: Final[dict[Any, Any]] = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "r2bspec",
-    "text.parse_math": False,
-    "axes.formatter.use_mathtext": False,
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 9,
-    "text.color": PALETTE["ink"],
-    "axes.labelcolor": PALETTE["quiet"],
-    "axes.edgecolor": PALETTE["quiet"],
-    "axes.facecolor": "none",
-    "axes.linewidth": 0.7,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": PALETTE["grid"],
-    "grid.linewidth": 0.6,
-    "xtick.color": PALETTE["quiet"],
-    "ytick.color": PALETTE["quiet"],
-    "xtick.labelcolor": PALETTE["ink"],
-    "ytick.labelcolor": PALETTE["ink"],
-    "xtick.minor.size": 0,
-    "ytick.minor.size": 0,
-    "legend.frameon": False,
-    "legend.fontsize": 9,
-    "lines.linewidth": 1.6,
-    "lines.markersize": 4,
-    "figure.facecolor": "none",
-    "savefig.facecolor": "none",
-    "figure.constrained_layout.use": True,
-}
+    x: Axis
+    y: Axis
+    marks: Sequence[Series | Strokes | Band | Label]
+    height: int
+    left: str = ""
+    right: str = ""
+    title_ink: str = "quiet"
 
-_STYLES: Final = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
-_MARKS: Final = ("o", "s", "^", "D", "v", "P")
+
+@dataclass(frozen=True, slots=True)
+class _Stroke:
+    path: str
+    ink: str
+    width: float = 1.0
+    dashes: str = ""
+    cap: str = ""
+    opacity: float = 1.0
+    fill: str = ""
+    label: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Text:
+    text: str
+    x: float
+    y: float
+    ink: str = "ink"
+    anchor: str = "start"
+    turned: bool = False
 
 
 @dataclass
-class ChartBuilder:
-    """A chart that is being drawn.
+class _Drawing:
+    """What a drawing consists of, in pixels, from top to bottom."""
 
-    Attributes:
-        figure: to draw on.
-        labels: of the series so far.
+    strokes: list[_Stroke] = field(default_factory=list)
+    texts: list[_Text] = field(default_factory=list)
+    axes: list[dict[str, object]] = field(default_factory=list)
+    bottom: float = 4
+
+    def add_legend(self, panels: Sequence[Panel]) -> None:
+        listed = {
+            mark.legend: mark
+            for panel in panels
+            for mark in panel.marks
+            if isinstance(mark, Series) and mark.legend
+        }
+        x, y = float(_LEFT), self.bottom + 10
+        for name, mark in listed.items():
+            wide = 32 + len(name) * _CHARACTER
+            if x > _LEFT and x + wide > _RIGHT:
+                x, y = float(_LEFT), y + _LINE
+            if mark.joined:
+                path = f"M{x} {y - 4}h18"
+                self.strokes.append(_Stroke(path, mark.ink, mark.width, mark.dashes))
+            self._add_marks(mark, [f"{x + 9} {y - 4}"])
+            self.texts.append(_Text(name, x + 23, y))
+            x += wide + 8
+        if listed:
+            self.bottom = y + 8
+
+    def add_panel(self, panel: Panel) -> None:
+        top = self.bottom + (_LINE + 2 if panel.left or panel.right else 6)
+        bottom = top + panel.height
+
+        def x(value: float) -> float:
+            return round(_LEFT + panel.x.share(value) * (_RIGHT - _LEFT), 1)
+
+        def y(value: float) -> float:
+            return round(bottom - panel.y.share(value) * panel.height, 1)
+
+        for mark in panel.marks:
+            if isinstance(mark, Band):
+                first, last = x(mark.first), x(mark.last)
+                path = f"M{first} {top}H{last}V{bottom}H{first}z"
+                self.strokes.append(_Stroke(path, mark.ink, 0, opacity=mark.opacity, fill=mark.ink))
+        for value, text in panel.y.all_ticks():
+            self.strokes.append(_Stroke(f"M{_LEFT} {y(value)}H{_RIGHT}", "grid"))
+            self.texts.append(_Text(text, _LEFT - 6, y(value) + 4, anchor="end"))
+        ticks = [(x(value), text) for value, text in panel.x.all_ticks()]
+        frame = f"M{_LEFT} {top}V{bottom}H{_RIGHT}"
+        frame += "".join(f"M{place} {bottom}v4" for place, _ in ticks)
+        self.strokes.append(_Stroke(frame, "quiet"))
+        self.texts += [_Text(text, at, bottom + _LINE, anchor="middle") for at, text in ticks]
+        for mark in panel.marks:
+            if isinstance(mark, Series):
+                points = [f"{x(across)} {y(up)}" for across, up in mark.points]
+                line = f"M{'L'.join(points)}" if points else ""
+                stroke = mark.ink if mark.joined else ""
+                label = printable(mark.label)
+                self.strokes.append(_Stroke(line, stroke, mark.width, mark.dashes, label=label))
+                self._add_marks(mark, points)
+            elif isinstance(mark, Strokes):
+                path = "".join(f"M{x(a)} {y(b)}L{x(c)} {y(d)}" for (a, b), (c, d) in mark.lines)
+                stroke_of = (mark.ink, mark.width, mark.dashes)
+                self.strokes.append(_Stroke(path, *stroke_of, opacity=mark.opacity))
+            elif isinstance(mark, Label):
+                self._add_label(panel, mark, x(mark.x), y(mark.y))
+        self._add_titles(panel, top, bottom)
+        self.axes.append(
+            {
+                "box": [_LEFT, top, _RIGHT, bottom],
+                **{
+                    key: [axis.low, axis.high, "log" if axis.logarithmic else "linear", axis.unit]
+                    for key, axis in (("x", panel.x), ("y", panel.y))
+                },
+            }
+        )
+        self.bottom = bottom + _LINE + 4 + (_LINE if panel.x.title else 0)
+
+    def _add_marks(self, mark: Series, points: Sequence[str]) -> None:
+        if mark.mark:
+            shape = _SHAPES[mark.mark]
+            dot = mark.mark == "dot"
+            fill = mark.ink if mark.filled and not dot else ""
+            path = "".join(f"M{point}{shape}" for point in points)
+            width, cap = (3.5, "round") if dot else (1.4, "")
+            self.strokes.append(_Stroke(path, mark.ink, width, cap=cap, fill=fill))
+
+    def _add_label(self, panel: Panel, mark: Label, x: float, y: float) -> None:
+        across, up = panel.x.share(mark.x), panel.y.share(mark.y)
+        above = up < _EDGE or (mark.above and up < 1 - _EDGE)
+        anchor = "start" if across < 2 * _EDGE else "end" if across > 1 - 2 * _EDGE else "middle"
+        at = y - 5 if above else y + 14
+        self.texts.append(_Text(printable(mark.text), x, at, mark.ink, anchor))
+
+    def _add_titles(self, panel: Panel, top: float, bottom: float) -> None:
+        middle = (top + bottom) / 2
+        self.texts.append(_Text(panel.y.title, 14, middle, "quiet", "middle", turned=True))
+        at = (_LEFT + _RIGHT) / 2, bottom + 2 * _LINE + 1
+        if panel.x.title:
+            self.texts.append(_Text(panel.x.title, *at, "quiet", "middle"))
+        for text, x, anchor in ((panel.left, _LEFT, "start"), (panel.right, _RIGHT, "end")):
+            if text:
+                self.texts.append(_Text(printable(text), x, top - 6, panel.title_ink, anchor))
+
+
+def draw(name: str, title: str, description: str, panels: Sequence[Panel], note: str = "") -> Chart:
+    """Return a chart of panels, one below the other, with a legend above them.
+
+    Args:
+        name: letters, digits and ``-``; unique in the page.
+        title: of the chart.
+        description: of its content, for readers who do not see it.
+        panels: from top to bottom.
         note: see `Chart`.
     """
-
-    figure: Figure
-    labels: list[str] = field(default_factory=list)
-    scales: list[tuple[Axes, str, str]] = field(default_factory=list)
-    note: str = ""
-
-    def series(self, line: Line2D, label: str) -> None:
-        """Register a line as a series that the script can show, with this label."""
-        line.set_gid(f"series-{len(self.labels)}")
-        self.labels.append(printable(label))
-
-    def register_axes(self, axes: Axes, x_unit: str, y_unit: str) -> None:
-        """Register axes, so that the script can convert positions to values of these units."""
-        self.scales.append((axes, x_unit, y_unit))
-
-
-def colour(number: int) -> str:
-    """Return the colour of a series.
-
-    Colours repeat after six; line styles then tell them apart.
-    """
-    return SERIES[number % len(SERIES)]
-
-
-def line_style(number: int) -> Any:
-    """Return the line style of a series, which distinguishes it without colour."""
-    return _STYLES[number % len(_STYLES)]
-
-
-def marker(number: int) -> str:
-    """Return the marker of a series."""
-    return _MARKS[number % len(_MARKS)]
-
-
-@cache
-def _load_matplotlib() -> None:
-    """Import it with its own settings; its list of fonts is in the cache of r2bspec.
-
-    It takes the settings of the working directory, which may be a stranger's: they can have texts
-    set by LaTeX, with commands of their own. So it is imported in a folder with empty ones.
-    """
-    from r2bspec.safe_io.cache_folder import cache_or_temporary_folder
-    from r2bspec.safe_io.private_files import temporary_folder
-
-    name = "MPLCONFIGDIR"
-    before = os.environ.get(name)
-    os.environ[name] = str(cache_or_temporary_folder("matplotlib"))
-    here = os.open(".", os.O_PATH)
-    try:
-        with temporary_folder("settings") as folder:
-            (folder / "matplotlibrc").touch()
-            os.chdir(folder)
-            import matplotlib.figure  # noqa: F401
-    finally:
-        os.fchdir(here)
-        os.close(here)
-        del os.environ[name]
-        if before is not None:
-            os.environ[name] = before
-
-
-def draw(
-    name: str,
-    title: str,
-    description: str,
-    height_in: float,
-    paint: Callable[[ChartBuilder], object],
-) -> Chart:
-    """Draw a chart: `paint` gets an empty figure and fills it."""
-    _load_matplotlib()
-    import matplotlib
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
-
-    with matplotlib.rc_context(_SETTINGS), warnings.catch_warnings():
-        # The browser draws glyphs for which the library has no metrics.
-        warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        sketch = ChartBuilder(Figure(figsize=(WIDTH_IN, height_in)))
-        paint(sketch)
-        buffer = io.StringIO()
-        metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-        # Not `savefig`, which draws everything twice to lay it out.
-        if (engine := sketch.figure.get_layout_engine()) is not None:
-            engine.execute(sketch.figure)
-            sketch.figure.set_layout_engine("none")
-        canvas: Any = FigureCanvasSVG(sketch.figure)
-        canvas.print_svg(buffer, metadata=metadata)
-        axes = [_scale(axes, height_in, *units) for axes, *units in sketch.scales]
+    drawing = _Drawing()
+    drawing.add_legend(panels)
+    for panel in panels:
+        drawing.add_panel(panel)
     title, description = printable(title), printable(description)
-    data = {"data-axes": json.dumps(axes, separators=(",", ":"))}
-    svg = inline(buffer.getvalue(), name, title, description, data, sketch.labels)
-    return Chart(name, title, svg, description, printable(sketch.note))
-
-
-def _scale(axes: Axes, height_in: float, x_unit: str, y_unit: str) -> dict[str, Any]:
-    """Return the position of the axes, in points, and the values of their ends."""
-    box = axes.get_position()
-    wide, high = WIDTH_IN * _POINTS_PER_INCH, height_in * _POINTS_PER_INCH
-    return {
-        "box": [
-            round(pixel, 1)
-            for pixel in (box.x0 * wide, (1 - box.y1) * high, box.x1 * wide, (1 - box.y0) * high)
-        ],
-        "x": [*map(float, axes.get_xlim()), axes.get_xscale(), x_unit],
-        "y": [*map(float, axes.get_ylim()), axes.get_yscale(), y_unit],
-    }
-
-
-_EDGE: Final = 0.16
-"""The share of the axes next to an edge in which a label would not fit on the side of the edge."""
-
-
-def write(
-    axes: Axes,
-    text: str,
-    at: tuple[float, float],
-    offset: tuple[float, float],
-    ink: str,
-    **style: Any,
-) -> None:
-    """Write a text beside a point; `offset` is in points, `style` as matplotlib has it."""
-    style = {"fontsize": 8, "textcoords": "offset points", "xytext": offset, **style}
-    axes.annotate(text, at, color=ink, **style)
-
-
-def inside_label(
-    axes: Axes, x: float, y: float, text: str, ink: str, *, above: bool = True
-) -> None:
-    """Write a label beside a point, inside the axes.
-
-    The limits of the axes must be final. `above` is the side where both are possible.
-    """
-    across, up = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))
-    above = up < _EDGE or (above and up < 1 - _EDGE)
-    side = "left" if across < 2 * _EDGE else "right" if across > 1 - 2 * _EDGE else "center"
-    vertical = "bottom" if above else "top"
-    write(axes, text, (x, y), (0, 3 if above else -4), ink, ha=side, va=vertical)
-
-
-OUTCOME_COLOURS: Final = {"pass": "good", "fail": "bad", "inconclusive": "unsure"}
-
-
-def scale_values(axes: Axes, *, logarithmic: bool) -> None:
-    """Give the vertical axis a logarithmic scale, or a scale from 0."""
-    if logarithmic:
-        axes.set_yscale("log")
-        plain_numbers(axes.yaxis)
-    else:
-        axes.set_ylim(bottom=0)
-
-
-def plain_numbers(axis: Any) -> None:
-    """Write the ticks of a logarithmic axis as numbers, without powers."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    axis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.6g}"))
-    axis.set_minor_formatter(NullFormatter())
+    svg = fill(
+        "chart.svg.j2",
+        name=name,
+        title=title,
+        description=description,
+        width=_WIDTH,
+        height=round(drawing.bottom),
+        axes=json.dumps(drawing.axes, separators=(",", ":")),
+        strokes=drawing.strokes,
+        texts=drawing.texts,
+    )
+    return Chart(name, title, svg, description, printable(note))

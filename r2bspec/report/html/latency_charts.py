@@ -1,17 +1,13 @@
-"""Charts of the latency: by percentile, and by message.
-
-The percentile curve has an axis that expands the tail. The messages are in the order of playing,
-with misses marked.
-"""
+"""Charts of the latency: by percentile, on an axis that expands the tail, and by message."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.diagnostics.quote import printable
 from r2bspec.judge.measure.distribution import quantile
 from r2bspec.judge.measure.metrics import pace_of
 from r2bspec.judge.measure.sample_table import MonitorSamples
@@ -19,21 +15,25 @@ from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, known_late
 from r2bspec.judge.measure.units import at_rate, show, show_rate
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.report.document import Chart
-from r2bspec.report.html import chart
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
+from r2bspec.report.html.chart import (
+    OUTCOME_INKS,
+    Axis,
+    Label,
+    Panel,
+    Series,
+    Strokes,
+    dashes,
+    draw,
+    ink,
+    value_axis,
+)
 
 StepLatencies = NDArray[np.float64]
 """Seconds, one for each expected output, in order; NaN for missed ones."""
 
 
 def step_latencies(seen: MonitorSamples) -> StepLatencies:
-    """Return the latencies of the expected outputs of one segment at one monitor.
-
-    None if unknown.
-    """
+    """Return the latencies of the expected outputs of a segment at a monitor; none if unknown."""
     latencies = seen.latency
     if seen.unknown_latency or (seen.own_pace and not latencies.size):
         return np.empty(0)
@@ -49,43 +49,19 @@ def has_latencies(samples: RunSamples, monitor: str) -> bool:
     return any(step_latencies(segment.monitors[monitor]).size for segment in segments)
 
 
-def thin_indices(values: StepLatencies, max_points: int) -> NDArray[np.int64]:
-    """Return which values to draw: the extremes of each interval, at most `max_points` in all.
+_CURVE_POINTS: Final = 300
 
-    The extremes are never left out; missing values are.
-    """
-    known = np.flatnonzero(~np.isnan(values))
-    if known.size <= max_points:
-        return known
-    kept: set[int] = set()
-    for part in np.array_split(known, max_points // 2):
-        kept.add(int(part[np.argmin(values[part])]))
-        kept.add(int(part[np.argmax(values[part])]))
-    return np.array(sorted(kept), dtype=np.int64)
-
-
-def missed_runs(missed: NDArray[np.bool_], max_runs: int = 400) -> list[tuple[int, int]]:
-    """Return runs of missed steps as (first, count); neighbours are joined if there are many."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], missed, [False])).astype(np.int8)))
-    runs = [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
-    gap = 0
-    while len(runs) > max_runs:
-        gap = gap * 2 + 1
-        joined = [runs[0]]
-        for first, end in runs[1:]:
-            if first - joined[-1][1] <= gap:
-                joined[-1] = (joined[-1][0], end)
-            else:
-                joined.append((first, end))
-        runs = joined
-    return [(first, end - first) for first, end in runs]
-
-
-_CURVE_POINTS = 300
-_MAX_CURVES = 24
+_MAX_CURVES: Final = 24
 """The legend of more curves leaves them no room."""
-_MIN_LOG_RATIO = 20.0
+
+_MIN_LOG_RATIO: Final = 20.0
 """From this ratio of the largest latency to the median on, the latency axis is logarithmic."""
+
+_SHARES: Final = (
+    *((1.0, "0 %"), (2.0, "50 %"), (10.0, "90 %"), (20.0, "95 %"), (1e2, "99 %")),
+    *((1e3, "99.9 %"), (1e4, "99.99 %"), (1e5, "99.999 %"), (1e6, "99.9999 %")),
+)
+"""The ticks of the axis of shares, at n for the share 1 - 1/n."""
 
 
 def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> Chart:
@@ -99,158 +75,98 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
     """
     all_rates = sorted(samples.iterations)
     rates = all_rates[-_MAX_CURVES:]
-    description = (
-        f"Latency of {monitor} by percentile, one curve for each of "
-        f"{', '.join(show_rate(rate, pace_of(samples.mode)) for rate in rates)}. The horizontal "
-        "axis is logarithmic in the share of messages that took longer."
-    )
+    texts = [show_rate(rate, pace_of(samples.mode)) for rate in rates]
     title = f"Latency by percentile: {monitor}"
     if len(all_rates) > len(rates):
         title += f", the highest {len(rates)} of {len(all_rates)} rates"
-
-    def paint(sketch: chart.ChartBuilder) -> None:
-        axes = sketch.figure.subplots()
-        largest, median, total = 0.0, [], 2
-        for number, rate in enumerate(rates):
-            values, lost = _pooled(samples.iterations[rate], monitor)
-            total = max(total, values.size + lost)
-            if values.size:
-                largest = max(largest, float(values[-1]))
-                median.append(float(np.median(values)))
-                label = show_rate(rate, pace_of(samples.mode))
-                _curve(sketch, axes, number, label, values, lost)
-        limits = [
-            requirement
-            for requirement in verdict.requirements
-            if requirement.monitor == monitor
-            and requirement.at_hz in rates
-            and _is_drawn(requirement)
-        ]
-        for limit in limits:
-            _bar(axes, limit, rates.index(limit.at_hz or 0.0))
-        _percentile_axes(axes, total)
-        is_wide = bool(median) and largest > _MIN_LOG_RATIO * min(median)
-        chart.scale_values(axes, logarithmic=is_wide)
-        for limit in limits:
-            _label(axes, limit)
-        if sketch.labels:
-            sketch.figure.legend(loc="outside upper left", ncols=6)
-        sketch.register_axes(axes, "percentile", "ms")
-
-    return chart.draw(name, title, description, 3.4, paint)
+    marks: list[Series | Strokes | Label] = []
+    largest, medians, total = 0.0, [], 2
+    for number, (rate, text) in enumerate(zip(rates, texts, strict=True)):
+        seen = [iteration.monitors[monitor] for iteration in samples.iterations[rate]]
+        values, lost = np.sort(known_latencies(seen)), sum(one.missed for one in seen)
+        total = max(total, values.size + lost)
+        if values.size:
+            largest = max(largest, float(values[-1]))
+            medians.append(float(np.median(values)))
+            marks += _curve(number, text, values, lost)
+    for limit in verdict.requirements:
+        if limit.monitor == monitor and limit.at_hz in rates:
+            marks += _percentile_limit(limit, rates.index(limit.at_hz))
+    heights = [up for mark in marks for up in _heights(mark)]
+    is_wide = bool(medians) and largest > _MIN_LOG_RATIO * min(medians)
+    across = Axis(
+        *("share of messages at or below", "percentile"),
+        *(1.0, max(total * 1.8, 20.0)),
+        logarithmic=True,
+        ticks=_SHARES,
+    )
+    panel = Panel(across, value_axis("latency, ms", "ms", heights, logarithmic=is_wide), marks, 240)
+    description = (
+        f"Latency of {monitor} by percentile, one curve for each of {', '.join(texts)}. The "
+        "horizontal axis is logarithmic in the share of messages that took longer."
+    )
+    return draw(name, title, description, [panel])
 
 
-def _pooled(
-    iterations: tuple[SegmentSamples, ...], monitor: str
-) -> tuple[NDArray[np.float64], int]:
-    """Return all latencies at a rate in ascending order, and how many messages were lost."""
-    seen = [iteration.monitors[monitor] for iteration in iterations]
-    values = np.sort(known_latencies(seen))
-    return values, sum(sample.missed for sample in seen)
+def _heights(mark: Series | Strokes | Label) -> Iterator[float]:
+    if isinstance(mark, Series):
+        yield from (up for _, up in mark.points)
+    elif isinstance(mark, Strokes):
+        yield from (up for line in mark.lines for _, up in line)
 
 
 def _curve(
-    sketch: chart.ChartBuilder,
-    axes: Axes,
-    number: int,
-    label: str,
-    values: NDArray[np.float64],
-    lost: int,
-) -> None:
-    """A step for each rank k of n: the value at or below which a share of k/n lies."""
+    number: int, text: str, values: NDArray[np.float64], lost: int
+) -> Iterator[Series | Label]:
+    """Yield a step for each rank k of n: the value at or below which a share of k/n lies."""
     n = values.size + lost
-    ranks = _ranks(values.size)
-    over = np.maximum(n - ranks, 0.6)  # the largest one would be at infinity
-    x = np.concatenate(([1.0], n / over))
-    y = np.concatenate(([values[0]], values[ranks - 1])) * 1e3
-    (line,) = axes.step(
-        x,
-        y,
-        where="pre",
-        color=chart.colour(number),
-        linestyle=chart.line_style(number),
-        label=label,
-    )
-    sketch.series(line, label)
+    ranks = np.arange(1, values.size + 1)
+    if values.size > _CURVE_POINTS:
+        # Denser near the largest.
+        from_end = np.unique(np.geomspace(1, values.size, _CURVE_POINTS).astype(np.int64))
+        ranks = (values.size + 1 - from_end)[::-1]
+    # The largest one would be at infinity.
+    ends = n / np.maximum(n - ranks, 0.6)
+    ups = values[ranks - 1] * 1e3
+    begins = np.concatenate(([1.0], ends[:-1]))
+    corners = np.column_stack((begins, ups, ends, ups)).reshape(-1, 2).tolist()
+    points = [(x, y) for x, y in corners]
+    yield Series(points, text, ink(number), legend=text, dashes=dashes(number))
     if lost:
-        axes.plot(
-            x[-1], y[-1], marker="^", color=chart.colour(number), markersize=8, linestyle="none"
-        )
-        text = f"{show(lost / n, 'share')} lost"
-        chart.write(axes, text, (x[-1], y[-1]), (7, -3), chart.colour(number), fontsize=9)
+        x, y = points[-1]
+        yield Series([(x, y)], f"{text}: lost", ink(number), joined=False, mark="triangle")
+        yield Label(f"{show(lost / n, 'share')} lost", x, y, ink(number))
 
 
-def _ranks(n: int) -> NDArray[np.int64]:
-    """Return the ranks to draw, denser near the largest."""
-    if n <= _CURVE_POINTS:
-        return np.arange(1, n + 1)
-    from_end = np.unique(np.geomspace(1, n, _CURVE_POINTS).astype(np.int64))
-    return (n + 1 - from_end)[::-1]
+def _percentile_limit(one: RequirementVerdict, number: int) -> Iterator[Strokes | Label]:
+    """Yield the limit of a percentile as a bar, with the bounds of the estimate.
 
-
-def _is_drawn(one: RequirementVerdict) -> bool:
-    """Return whether it is a limit of a percentile of the latency.
-
-    That of a ratio is on no axis.
+    The limit of a ratio is on no axis.
     """
-    if one.compared is not None:
-        return False
     family, _, part = one.metric.rpartition(".")
-    drawn = family.endswith("latency")
-    return drawn and quantile(part) is not None and one.limit is not None
-
-
-def _place(one: RequirementVerdict) -> tuple[float, float]:
-    """Return where the limit is on the axes: its percentile, and the limit in ms."""
-    q = quantile(one.metric.rpartition(".")[2])
-    return 1 / (1 - (q or 0.0)), (one.limit or 0.0) * 1e3
-
-
-def _ink(one: RequirementVerdict) -> str:
-    return chart.PALETTE[chart.OUTCOME_COLOURS[one.outcome]]
-
-
-def _bar(axes: Axes, one: RequirementVerdict, number: int) -> None:
-    """The limit as a bar at its percentile, with the bounds of the estimate."""
-    x, y = _place(one)
-    axes.hlines(y, x / 1.6, x * 1.6, color=_ink(one), linewidth=2.4)
+    q = quantile(part)
+    if one.compared is not None or not family.endswith("latency") or q is None or not one.limit:
+        return
+    x, y, outcome = 1 / (1 - q), one.limit * 1e3, OUTCOME_INKS[one.outcome]
+    yield Strokes([((x / 1.6, y), (x * 1.6, y))], outcome, 3)
     if one.lower is not None and one.upper is not None and np.isfinite(one.upper):
-        axes.vlines(
-            x, one.lower * 1e3, one.upper * 1e3, color=chart.colour(number), linewidth=5, alpha=0.45
-        )
+        bounds = ((x, one.lower * 1e3), (x, one.upper * 1e3))
+        yield Strokes([bounds], ink(number), 6, opacity=0.45)
+    # On the side of the bar without the curve.
+    above = not one.lost and one.estimate is not None and one.limit > one.estimate
+    text = f"{part} limit {show(one.limit, one.unit)} {at_rate(one.at_hz or 0.0)}"
+    yield Label(text, x, y, outcome, above=above)
 
 
-def _label(axes: Axes, one: RequirementVerdict) -> None:
-    """The text of a limit, on the side of the bar without the curve."""
-    x, y = _place(one)
-    part = one.metric.rpartition(".")[2]
-    above = not one.lost and one.estimate is not None and y / 1e3 > one.estimate
-    text = printable(f"{part} limit {show(one.limit, one.unit)} {at_rate(one.at_hz or 0.0)}")
-    chart.inside_label(axes, x, y, text, _ink(one), above=above)
-
-
-def _percentile_axes(axes: Axes, total: int) -> None:
-    """An axis of shares up to one of `total` messages, which expands the tail; times in ms."""
-    axes.set_xscale("log")
-    axes.set_xlim(1, max(total * 1.8, 20))
-    shown = {1: "0 %", 2: "50 %", 10: "90 %", 20: "95 %", 100: "99 %", 1000: "99.9 %"}
-    shown |= {10_000: "99.99 %", 100_000: "99.999 %", 1_000_000: "99.9999 %"}
-    ticks = {place: text for place, text in shown.items() if place <= axes.get_xlim()[1]}
-    axes.set_xticks([*ticks], labels=[*ticks.values()])
-    axes.set_xticks([], minor=True)
-    axes.set_xlabel("share of messages at or below")
-    axes.set_ylabel("latency, ms")
-
-
-_MAX_POINTS = 1_200
+_MAX_POINTS: Final = 1_200
 """Messages that are drawn for each rate."""
 
-_MAX_SEPARATORS = 300
-"""Iterations that are drawn apart: more of them would be an area."""
+_MAX_STROKES: Final = 400
+"""Iterations that are drawn apart, and misses: more of them would be an area."""
 
-_MESSAGE_RATES = 6
+_MESSAGE_RATES: Final = 6
 
-_WORST_FIRST = ("fail", "inconclusive", "pass")
+_WORST_FIRST: Final = ("fail", "inconclusive", "pass")
 
 
 def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdict) -> Chart:
@@ -260,106 +176,118 @@ def messages_chart(name: str, monitor: str, samples: RunSamples, verdict: Verdic
     """
     rates = sorted(samples.iterations)
     shown = rates[-_MESSAGE_RATES:]
-    apart = max((len(samples.iterations[rate]) for rate in shown), default=0) <= _MAX_SEPARATORS
+    panels = []
+    for number, rate in enumerate(shown, start=len(rates) - len(shown)):
+        limits = [
+            one
+            for one in verdict.requirements
+            # The limit of a ratio is no time.
+            if (one.monitor, one.at_hz, one.compared) == (monitor, rate, None)
+            and "latency." in one.metric
+        ]
+        title = "message" if rate == shown[-1] else ""
+        played = samples.iterations[rate]
+        panels.append(_messages(number, rate, monitor, played, samples.mode, limits, title))
+    notes = []
+    longest = max(
+        (sum(step_latencies(one.monitors[monitor]).size for one in samples.iterations[rate]))
+        for rate in shown
+    )
+    if longest > _MAX_POINTS:
+        notes.append(
+            f"In rows of more than {_MAX_POINTS:,} messages, only the fastest and the slowest "
+            "of each interval are drawn."
+        )
+    if len(shown) < len(rates):
+        notes.append(f"The highest {len(shown)} of {len(rates)} rates are drawn.")
     description = (
         f"Latency of each message at {monitor}, in the order of playing, a row for each offered "
-        "rate. Bars at the top of a row are missed messages"
-        + ("; vertical lines separate the iterations." if apart else ".")
+        "rate. Bars at the top of a row are missed messages; vertical lines separate iterations."
     )
-    thin = False
-
-    def paint(sketch: chart.ChartBuilder) -> None:
-        nonlocal thin
-        grid = sketch.figure.subplots(len(shown), 1, squeeze=False)
-        for row, rate in enumerate(shown):
-            axes = grid[row][0]
-            limits = [
-                requirement
-                for requirement in verdict.requirements
-                if requirement.monitor == monitor
-                and requirement.at_hz == rate
-                and "latency." in requirement.metric
-                # The limit of a ratio is no time.
-                and requirement.compared is None
-            ]
-            number = row + len(rates) - len(shown)
-            thin |= _row(sketch, axes, samples, monitor, rate, number, limits)
-        grid[-1][0].set_xlabel("message")
-        notes = []
-        if thin:
-            notes.append(
-                f"In rows of more than {_MAX_POINTS:,} messages, only the fastest and the slowest "
-                "of each interval are drawn; misses are always marked."
-            )
-        if len(shown) < len(rates):
-            notes.append(f"The highest {len(shown)} of {len(rates)} rates are drawn.")
-        sketch.note = " ".join(notes)
-
-    height = 0.5 + 1.5 * len(shown)
-    return chart.draw(name, f"Latency by message: {monitor}", description, height, paint)
+    return draw(name, f"Latency by message: {monitor}", description, panels, " ".join(notes))
 
 
-def _row(
-    sketch: chart.ChartBuilder,
-    axes: Axes,
-    samples: RunSamples,
-    monitor: str,
-    rate: float,
+def _messages(
     number: int,
-    limits: list[RequirementVerdict],
-) -> bool:
-    """Draw one rate; returns whether messages were left out."""
-    parts = [step_latencies(played.monitors[monitor]) for played in samples.iterations[rate]]
+    rate: float,
+    monitor: str,
+    played: Sequence[SegmentSamples],
+    mode: str,
+    limits: Sequence[RequirementVerdict],
+    title: str,
+) -> Panel:
+    """Return the row of a rate."""
+    parts = [step_latencies(one.monitors[monitor]) for one in played]
     values = np.concatenate(parts) if parts else np.empty(0)
     kept = thin_indices(values, _MAX_POINTS)
-    label = show_rate(rate, pace_of(samples.mode))
-    (line,) = axes.plot(
-        kept + 1, values[kept] * 1e3, ".", color=chart.colour(number), markersize=3, label=label
-    )
-    sketch.series(line, label)
-    drawn = [
-        (output_line.limit * 1e3, _ink(output_line))
-        for output_line in limits
-        if output_line.limit is not None
+    points = np.column_stack((kept + 1, values[kept] * 1e3)).tolist()
+    last = max(values.size, 1) + 0.5
+    top = max((up for _, up in points), default=1.0)
+    top = max([top, *((one.limit or 0.0) * 1e3 for one in limits)])
+    label = show_rate(rate, pace_of(mode))
+    marks: list[Series | Strokes] = [
+        Series(points, label, ink(number), joined=False, mark="dot"),
+        *(
+            Strokes(
+                [((0.5, one.limit * 1e3), (last, one.limit * 1e3))],
+                OUTCOME_INKS[one.outcome],
+                dashes="5 4",
+            )
+            for one in limits
+            if one.limit is not None
+        ),
     ]
-    top = float(np.nanmax(values)) * 1e3 if kept.size else 1.0
-    top = max(top, *(limit for limit, _ in drawn), 0.0)
-    axes.set_ylim(0, top * 1.25)
-    for limit, ink in drawn:
-        axes.axhline(limit, color=ink, linewidth=1, linestyle="--")
     ends = np.cumsum([part.size for part in parts])[:-1] + 0.5
-    axes.vlines(
-        ends if len(parts) <= _MAX_SEPARATORS else [],
-        0,
-        1,
-        transform=axes.get_xaxis_transform(),
-        color=chart.PALETTE["quiet"],
-        linewidth=0.6,
-    )
+    if len(parts) <= _MAX_STROKES:
+        marks.append(Strokes([((end, 0), (end, top * 1.25)) for end in ends], "quiet", 0.6))
     missed = np.isnan(values)
-    if missed.any():
-        bars = [(first + 0.5, count) for first, count in missed_runs(missed)]
-        axes.broken_barh(
-            bars, (top * 1.17, top * 0.08), facecolor=chart.PALETTE["bad"], linewidth=0
-        )
-    axes.set_xlim(0.5, max(values.size, 1) + 0.5)
-    axes.set_ylabel(f"{label}\nms")
+    bars = [
+        ((first + 0.5, top * 1.2), (end + 0.5, top * 1.2)) for first, end in missed_runs(missed)
+    ]
+    if bars:
+        marks.append(Strokes(bars, "bad", 7))
     count = int(missed.sum())
-    text = f"{count:,} of {values.size:,} missed" if count else f"none of {values.size:,} missed"
-    axes.set_title(
+    missing = f"{count:,}" if count else "none"
+    worst = min((one.outcome for one in limits), key=_WORST_FIRST.index, default="pass")
+    return Panel(
+        Axis(title, "message", 0.5, last),
+        Axis(f"{label}, ms", "ms", 0.0, top * 1.25),
+        marks,
+        110,
+        left="limit: " + " · ".join(one.text.strip() for one in limits) if limits else "",
         # What the source of a live graph sent is unknown.
-        f"{values.size:,} messages" if samples.mode == "live" else text,
-        loc="right",
-        fontsize=8,
-        color=chart.PALETTE["bad" if count else "quiet"],
+        right=f"{values.size:,} messages"
+        if mode == "live"
+        else f"{missing} of {values.size:,} missed",
+        title_ink=OUTCOME_INKS[worst] if limits else "quiet",
     )
-    if limits:
-        worst = min((output_line.outcome for output_line in limits), key=_WORST_FIRST.index)
-        axes.set_title(
-            printable("limit: " + " · ".join(output_line.text.strip() for output_line in limits)),
-            loc="left",
-            fontsize=8,
-            color=chart.PALETTE[chart.OUTCOME_COLOURS[worst]],
-        )
-    sketch.register_axes(axes, "message", "ms")
-    return bool(kept.size < values.size - count)
+
+
+def thin_indices(values: StepLatencies, max_points: int) -> NDArray[np.int64]:
+    """Return which values to draw: the extremes of each interval, at most `max_points` in all.
+
+    The extremes are never left out; missing values are.
+    """
+    known = np.flatnonzero(~np.isnan(values))
+    if known.size <= max_points:
+        return known
+    parts = np.array_split(known, max_points // 2)
+    extremes = [part[pick(values[part])] for part in parts for pick in (np.argmin, np.argmax)]
+    return np.unique(np.array(extremes, dtype=np.int64))
+
+
+def missed_runs(missed: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return runs of missed steps, from the first to behind the last; near ones of many joined."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], missed, [False])).astype(np.int8)))
+    runs = [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
+    gap = 0
+    while len(runs) > _MAX_STROKES:
+        gap = gap * 2 + 1
+        joined = [runs[0]]
+        for first, end in runs[1:]:
+            if first - joined[-1][1] <= gap:
+                joined[-1] = (joined[-1][0], end)
+            else:
+                joined.append((first, end))
+        runs = joined
+    return runs

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import importlib.resources
 import re
 from collections.abc import Iterator
-from functools import cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.measure.distribution import TAIL_PERCENTILE, part_title, part_value
@@ -18,16 +16,12 @@ from r2bspec.plan.plan import Plan
 from r2bspec.report import anatomy_table
 from r2bspec.report.anatomy_table import anatomies_of
 from r2bspec.report.document import Chart, Document, Section
-from r2bspec.report.html.chart import PALETTE
 from r2bspec.report.html.graph_drawing import lay_out
 from r2bspec.report.html.latency_charts import has_latencies, messages_chart, percentile_chart
-from r2bspec.report.html.load_charts import devices_chart, load_curve_chart, loads_chart
-from r2bspec.report.html.waterfall import waterfalls
+from r2bspec.report.html.load_charts import load_curve_chart, loads_chart
+from r2bspec.report.html.template import PALETTE, fill, own_text
 from r2bspec.report.result_document import result_document
 from r2bspec.report.result_table import monitor_names
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
 
 _GRAPH_WIDTH: Final = 990
 """Pixels: what a figure of the page is wide, where the window has the room."""
@@ -46,7 +40,6 @@ def render(report_input: ReportInput) -> bytes:
         "Graph": tuple(_graph(report_input)),
         "Measurements": tuple(_measurement_charts(report_input)),
         "Load": tuple(_load_charts(report_input)),
-        "Anatomy": tuple(waterfalls(report_input.result)),
     }
     document = result_document(report_input, whole=True, charts=charts)
     return to_page(document, own_text("script.js"))
@@ -79,47 +72,16 @@ def _page(document: Document, style: str, **context: str) -> bytes:
     """
     from markupsafe import Markup
 
-    text = (
-        _environment()
-        .get_template("page.html.j2")
-        .render(
-            {
-                "document": document,
-                "style": Markup(style),  # noqa: S704 - our file
-                "style_hash": context.get("style_hash", ""),
-                "script": Markup(context.get("script", "")),  # noqa: S704 - our file
-            }
-        )
+    text = fill(
+        "page.html.j2",
+        document=document,
+        style=Markup(style),  # noqa: S704 - our file
+        style_hash=context.get("style_hash", ""),
+        script=Markup(context.get("script", "")),  # noqa: S704 - our file
     )
     # HTML cannot contain control characters and the lone surrogates of broken file names.
     plain = _CONTROL_CHARACTERS.sub("\N{REPLACEMENT CHARACTER}", text)
     return plain.encode("utf-8", errors="replace") + b"\n"
-
-
-def fill_drawing(template: str, **context: object) -> str:
-    """Return a drawing of a template; every text in it is escaped."""
-    return _environment().get_template(template).render(context, palette=PALETTE)
-
-
-@cache
-def _environment() -> Environment:
-    import jinja2
-    from markupsafe import Markup
-
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(own_text),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
-        "kind": lambda block: type(block).__name__,
-        "exact": repr,
-        # Serialised from a tree, or by a template: every text in it is escaped.
-        "drawn": Markup,
-    }
-    return environment
 
 
 def _style(extra: str = "") -> str:
@@ -128,11 +90,6 @@ def _style(extra: str = "") -> str:
         f".f-{name}{{fill:var(--{name})}}.k-{name}{{stroke:var(--{name})}}\n" for name in PALETTE
     )
     return own_text("style.css") + extra + colours
-
-
-def own_text(name: str) -> str:
-    """Return a file in the folder of this module."""
-    return importlib.resources.files(__package__).joinpath(name).read_text("utf-8")
 
 
 # The charts of a run.
@@ -146,7 +103,7 @@ def _graph(report_input: ReportInput) -> Iterator[Chart]:
 
 def _graph_chart(plan: Plan, annotations: dict[str, list[str]], width: float | None) -> Chart:
     graph = lay_out(plan, annotations) if width is None else lay_out(plan, annotations, width)
-    svg = fill_drawing("graph.svg.j2", graph=graph, name=plan.name)
+    svg = fill("graph.svg.j2", graph=graph, name=plan.name)
     tail = part_title(TAIL_PERCENTILE)
     what = f", with throughput and {tail} latency at the monitors" if annotations else ""
     return Chart("graph-drawing", f"The graph by phase of the run{what}.", svg, wide=True)
@@ -161,16 +118,12 @@ def _measurement_charts(report_input: ReportInput) -> Iterator[Chart]:
                 yield percentile_chart(f"percentiles-{number}", monitor, samples, verdict)
                 yield messages_chart(f"messages-{number}", monitor, samples, verdict)
     if any(rate.offered_hz for rate in metrics.rates):
-        yield load_curve_chart("offered", metrics, report_input.run, verdict)
+        yield load_curve_chart("offered", metrics, verdict)
 
 
 def _load_charts(report_input: ReportInput) -> Iterator[Chart]:
-    if report_input.run is not None:
-        charts = (
-            loads_chart("loads", report_input.run),
-            devices_chart("devices", report_input.run),
-        )
-        yield from (chart for chart in charts if chart is not None)
+    if report_input.run is not None and (chart := loads_chart("loads", report_input.run)):
+        yield chart
 
 
 def _annotations(result: Result, plan: Plan) -> dict[str, list[str]]:

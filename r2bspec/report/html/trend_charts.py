@@ -1,31 +1,23 @@
-"""Charts of histories: a chart for each metric, with the results on the axis.
-
-They are lines alone, so that their paths are written as they are: to have twenty charts drawn by
-the library of other charts takes three times as long as to read a thousand results.
-"""
+"""Charts of histories: a chart for each metric, with the results on the axis."""
 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator, Sequence
 from typing import Final
 
 from r2bspec.compare.history import History, MetricHistory
 from r2bspec.diagnostics.quote import printable
-from r2bspec.judge.measure.units import show, significant, unit_scale
+from r2bspec.judge.measure.units import show, unit_scale
 from r2bspec.report.document import Chart
-from r2bspec.report.html.page import fill_drawing, own_text
-
-_BOX: Final = (80, 8, 798, 204)
-"""The axes: left, top, right, bottom."""
+from r2bspec.report.html.chart import Axis, Label, Panel, Series, Strokes, draw, ink
+from r2bspec.report.html.template import own_text
 
 _MAX_MARKED: Final = 200
 """Results whose values have marks; of more, a line."""
 
 _TICKS: Final = 8
-_INKS: Final = 6
-_COLOURS: Final = {"worse": "bad", "improved": "good"}
+_INKS: Final = {"worse": "bad", "improved": "good"}
 
 
 def trend_script(histories: Sequence[History]) -> str:
@@ -55,90 +47,52 @@ def trend_chart(
     known = [value for value in metric.values if value is not None]
     unit = show(max(map(abs, known)), metric.unit).partition(" ")[2]
     scale = unit_scale(metric.unit, unit)
-    values = [None if value is None else value / scale for value in metric.values]
     low, high = min(known) / scale, max(known) / scale
     most = max(map(abs, known)) / scale
     # Where all are the same but for rounding, room around the value.
     spread = next(one for one in (high - low, most, 1.0) if one > max(1e-9 * most, 1e-99))
     low, high = max(low - spread / 4, min(low, 0.0)), high + spread / 4
-    left, top, right, bottom = _BOX
-
-    def x(place: float) -> float:
-        return round(left + (place + 1) / (len(values) + 1) * (right - left), 1)
-
-    def y(value: float) -> float:
-        return round(bottom - (value - low) / (high - low) * (bottom - top), 1)
-
-    def series(environment: int) -> Iterator[dict[str, str]]:
-        """Yield the values of an environment, and their means between changes."""
-        shown = {
-            place: value
-            for place, (value, result) in enumerate(zip(values, history.results, strict=True))
-            if value is not None and result.environment == environment
-        }
-        if not shown:
-            return
-        points = [f"{x(place)} {y(value)}" for place, value in shown.items()]
-        places = [*shown]
-        starts = [places.index(one.after) for one in metric.changes if one.after in shown]
-        stretches = [
-            places[first:end]
-            for first, end in zip([0, *starts], [*starts, len(places)], strict=True)
-        ]
-        means = [
-            (one[0], sum(shown[place] for place in one) / len(one), one[-1]) for one in stretches
-        ]
-        yield {
-            "ink": f"s{environment % _INKS}",
-            "line": f"M{'L'.join(points)}",
-            "marks": "".join(f"M{one}h0" for one in points) if len(values) <= _MAX_MARKED else "",
-            "shape": ("round", "square")[environment % 2],
-            "means": "".join(f"M{x(first)} {y(mean)}H{x(last)}" for first, mean, last in means),
-        }
-
-    environments = range(len(history.environments))
-    every = max(1, -(-len(values) // _TICKS))
-    axes = {
-        "box": _BOX,
-        "x": [-1, len(values), "linear", f"result {number}"],
-        "y": [low, high, "linear", unit],
-    }
-    name = f"trend-{number}-{history.metrics.index(metric)}"
-    title = printable(title)
-    description = f"{title} of {len(values)} results, in the order of time."
-    svg = fill_drawing(
-        "trend.svg.j2",
-        name=name,
-        title=title,
-        description=description,
-        box=_BOX,
-        axes=json.dumps([axes], separators=(",", ":")),
-        values=[
-            (y(value), f"{significant(value, 6)} {unit}") for value in _round_values(low, high)
-        ],
-        results=[
-            (x(place), printable(history.results[place].called))
-            for place in range(0, len(values), every)
-        ],
-        breaks=[x(history.first_of(environment) - 0.5) for environment in environments[1:]],
-        series=[one for environment in environments for one in series(environment)],
-        changes=[
-            {
-                "x": x(change.after - 0.5),
-                "ink": _COLOURS[change.outcome],
-                "is_late": change.after > len(values) / 2,
-                "label": printable(label),
-            }
-            for change, label in zip(metric.changes, labels, strict=True)
-        ],
+    count = len(metric.values)
+    marks: list[Series | Strokes | Label] = []
+    for index in range(len(history.environments)):
+        marks += _environment(history, metric, index, title, scale)
+        if index:
+            place = history.first_of(index) - 0.5
+            marks.append(Strokes([((place, low), (place, high))], "quiet", dashes="1 2"))
+    for change, label in zip(metric.changes, labels, strict=True):
+        place, colour = change.after - 0.5, _INKS[change.outcome]
+        marks.append(Strokes([((place, low), (place, high))], colour))
+        marks.append(Label(label, place, high, colour))
+    places = range(0, count, max(1, -(-count // _TICKS)))
+    ticks = [(float(place), printable(history.results[place].called)) for place in places]
+    panel = Panel(
+        Axis("", f"result {number}", -1, count, ticks=ticks),
+        Axis(unit, unit, low, high),
+        marks,
+        196,
     )
-    return Chart(name, title, svg, description)
+    name = f"trend-{number}-{history.metrics.index(metric)}"
+    return draw(name, title, f"{title} of {count} results, in the order of time.", [panel])
 
 
-def _round_values(low: float, high: float) -> Iterator[float]:
-    """Yield two to six round values between two others."""
-    least = (high - low) / 5
-    size = 10.0 ** math.floor(math.log10(least))
-    step = next(size * factor for factor in (1, 2, 5, 10) if size * factor >= least)
-    for number in range(math.ceil(low / step), math.floor(high / step) + 1):
-        yield number * step
+def _environment(
+    history: History, metric: MetricHistory, environment: int, title: str, scale: float
+) -> Iterator[Series | Strokes]:
+    """Yield the values of an environment, and their means between changes."""
+    shown = {
+        place: value / scale
+        for place, (value, result) in enumerate(zip(metric.values, history.results, strict=True))
+        if value is not None and result.environment == environment
+    }
+    if not shown:
+        return
+    mark = "dot" if len(metric.values) <= _MAX_MARKED else ""
+    yield Series([*shown.items()], title, ink(environment), mark=mark)
+    places = [*shown]
+    starts = [places.index(one.after) for one in metric.changes if one.after in shown]
+    means = []
+    for first, end in zip([0, *starts], [*starts, len(places)], strict=True):
+        stretch = places[first:end]
+        mean = sum(shown[place] for place in stretch) / len(stretch)
+        means.append(((stretch[0], mean), (stretch[-1], mean)))
+    yield Strokes(means, "ink", 2, opacity=0.6)

@@ -112,7 +112,7 @@ ROS = ("rclpy", "cv2", "numpy")
 LIBRARIES = (*ROS, "scipy", "rosbags", "rich", "psutil", "r2bspec.nodes")
 EXPLAINERS = ("r2bspec.language.explain_violations", "networkx")
 STAGES = ("r2bspec.language", "r2bspec.check", "r2bspec.plan", "r2bspec.diagnostics")
-REPORTS = ("matplotlib", "jinja2", "scipy", "mcap", "junitparser", "rich")
+REPORTS = ("jinja2", "scipy", "mcap", "junitparser", "rich")
 LOAD = "from pathlib import Path; from r2bspec.language.load_spec import load_spec; load_spec(Path"
 MAIN = "from r2bspec.cli.main import main; main"
 

@@ -1,4 +1,4 @@
-"""The anatomy of an iteration in every report: tables, waterfall and graph."""
+"""The anatomy of an iteration in every report: tables and graph."""
 
 from __future__ import annotations
 
@@ -64,12 +64,6 @@ def test_markdown_has_every_path_and_node(fork: ReportInput) -> None:
     assert "| left | callback | 2.69 ms | 3.55 ms | 52 % | 3.7 ms |" in text
     assert "| fuse | held | " in text
     assert "| right | 20 % | 1 | 200 | 0 | " in text
-
-
-def test_the_page_has_a_waterfall_of_each_path(fork: ReportInput, fork_page: str) -> None:
-    page = fork_page.partition('<h2 id="anatomy">')[2].partition("</section>")[0]
-    assert page.count("<svg") == len(summary(fork).paths) == 2
-    assert "Most of the latency, 5.22 ms at its median, was in left callback 52 %" in page
 
 
 def test_the_graph_of_the_page_has_the_times(fork_page: str) -> None:

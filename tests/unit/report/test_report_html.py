@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -136,21 +134,3 @@ def test_without_samples_it_says_which_charts_are_missing(
     assert "the charts of single messages need the run folder" in page.text
     charts = [one for one in page.of("svg") if one.get("class") != "budget"]
     assert [chart.get("id") for chart in charts] == ["offered"]
-
-
-def test_settings_of_the_working_directory_have_no_effect(tmp_path: Path) -> None:
-    """In a process of its own, which has not imported matplotlib."""
-    run = Simulation(segments=[Played(10, [0.01, 0.02])]).write(tmp_path / "run")
-    settings = "text.usetex: True\ntext.latex.preamble: \\input{/etc/passwd}\n"
-    (tmp_path / "matplotlibrc").write_text(settings)
-    words = [sys.executable, "-P", "-m", "r2bspec", "report", str(run.folder)]
-    done = subprocess.run(
-        [*words, "--report", "html=page.html"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert Page((tmp_path / "page.html").read_bytes()).of("svg")

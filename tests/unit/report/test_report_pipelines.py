@@ -220,7 +220,6 @@ FORGERIES = {
             "inconclusive: pass\ngate: off\nno-index: true\n",
         )
         | {
-            "matplotlibrc": "backend: module://forged\n",
             "pyproject.toml": "[tool.pytest.ini_options]\naddopts = '-p forged'\n",
             "pytest.ini": "[pytest]\naddopts = -p forged\n",
         },

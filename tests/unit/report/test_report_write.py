@@ -53,10 +53,10 @@ def test_a_missing_library_is_named_before_anything_runs(monkeypatch: pytest.Mon
     found = importlib.util.find_spec
 
     def find(name: str, package: str | None = None) -> Any:
-        return None if name == "matplotlib" else found(name, package)
+        return None if name == "jinja2" else found(name, package)
 
     monkeypatch.setattr(importlib.util, "find_spec", find)
-    with pytest.raises(ReportError, match="needs matplotlib") as caught:
+    with pytest.raises(ReportError, match="needs jinja2") as caught:
         parse_report_requests(["html=x"])
     assert install_command("report") in caught.value.hint
 
