@@ -32,8 +32,8 @@ from r2bspec.interop.spec_entries import NodeWriter
 from r2bspec.interop.spec_text import Block, SpecValues, flow
 from r2bspec.plan.installed_packages import package_share
 from r2bspec.plan.this_machine import ament_prefixes
-from r2bspec.plan.wiring.ast_reader import read_node_class
 from r2bspec.plan.wiring.python_files import read_python_file
+from r2bspec.plan.wiring.source_interface import read_node_class
 from r2bspec.safe_io.safe_file import is_folder, is_regular
 
 _SUFFIXES = (".launch.py", ".launch.xml", ".launch.yaml", ".launch.yml", "_launch.py", ".launch")

@@ -2,37 +2,23 @@
 
 A bag is known at low cost: by its index, and by the times of its messages if it is small.
 
-Reading a bag takes longer than all rules together. What is read of bags that are not tiny is
-therefore kept in the cache of the user. Its key has the size, times and inode of each file, so a
-changed bag is read again. If the cache cannot be read or written, or others can change it, bags are
-read without it.
+Reading a bag takes longer than all rules together: an editor reads it again only if it changes.
 
-Counts of rendered datasets and of whole bags are exact, as are those of which the times are known.
-Other counts are estimated from the mean rate, and at least 1: a topic may have pauses.
+The messages in a window are counted in rendered datasets, in whole bags and where times are known.
 """
 
 from __future__ import annotations
 
-import hashlib
-import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import msgspec
 
 from r2bspec.bags.message_types import begins_with_header
-from r2bspec.bags.recording import (
-    BagIndex,
-    BagLocation,
-    DataError,
-    RecordedMessage,
-    TimeWindow,
-    merge_indexes,
-)
-from r2bspec.bags.service_events import request_kind
+from r2bspec.bags.recording import BagIndex, BagLocation, DataError, TimeWindow, merge_indexes
 from r2bspec.datasets.catalogue import describe, locate
 from r2bspec.datasets.catalogue import index as index_location
 from r2bspec.diagnostics.diagnostic import Path
@@ -50,11 +36,7 @@ from r2bspec.plan.topic_plans import direct_bag_topic
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import CompanionFiles, CompanionReader
 from r2bspec.plan.wiring.wiring import NodeWiring, Wiring
-from r2bspec.safe_io.cache_folder import cache_folder
 from r2bspec.safe_io.file_search import note_folder
-from r2bspec.safe_io.limits import MAX_BAG_INDEX_BYTES
-from r2bspec.safe_io.private_files import private_files
-from r2bspec.safe_io.safe_json import read_json
 
 if TYPE_CHECKING:
     from r2bspec.bags.recorded_times import TopicTimes
@@ -300,7 +282,7 @@ class Context:
         from r2bspec.bags.recorded_times import merged_times, times_in_window
 
         read = [
-            cached_times(bag.location.path, bag.content)
+            _times(bag.location.path, _stamp(bag.location.path))
             if bag.content is not None and bag.location is not None and bag.location.path
             else None
             for bag in self.recordings
@@ -392,76 +374,40 @@ class Context:
         return topic.removeprefix(inside) if topic.startswith(inside) else topic
 
 
-_CACHE_VERSION = 4
-"""Increase this with every change of what is kept of a bag."""
-
-_Read = TypeVar("_Read")
-
-_MAX_FILES = 10_000
-_MIN_CACHED_BYTES = 1_000_000
-"""Smaller bags are indexed faster than a cache is read."""
-
-
 def cached_index(location: BagLocation) -> BagIndex:
-    """Return the index of a located bag.
+    """Return the index of a located bag, read once until one of its files changes.
 
     Raises:
-        DataError: the bag cannot be used; errors are not cached.
+        DataError: the bag cannot be used.
     """
     if location.path is None:
         return index_location(location)
-    return _cached(location.path, "index", BagIndex, lambda: index_location(location))
+    return _index(location, _stamp(location.path))
 
 
-def cached_times(path: FilePath, index: BagIndex) -> dict[str, TopicTimes] | None:
+@lru_cache(maxsize=32)
+def _index(location: BagLocation, stamp: object) -> BagIndex:
+    del stamp
+    return index_location(location)
+
+
+@lru_cache(maxsize=32)
+def _times(path: FilePath, stamp: object) -> dict[str, TopicTimes] | None:
     """Return the times of the messages of a bag; None if they cannot be read."""
-    from r2bspec.bags.recorded_times import RecordedTimes, times_of_bag
+    from r2bspec.bags.recorded_times import times_of_bag
 
-    def read() -> RecordedTimes:
-        return RecordedTimes(times=times_of_bag(path, index))
-
-    return _cached(path, "times", RecordedTimes, read).times
+    del stamp
+    return times_of_bag(path, cached_index(BagLocation(kind="recorded", path=path)))
 
 
-def _cached(bag: FilePath, what: str, kind: type[_Read], read: Callable[[], _Read]) -> _Read:
-    """Return what is read of a bag; of a large bag it is kept in the cache of the user."""
-    entry = _cache_file(bag, what)
-    if entry is None:
-        return read()
-    with suppress(OSError, msgspec.DecodeError):
-        return read_json(entry, kind, max_bytes=MAX_BAG_INDEX_BYTES)
-    content = read()
-    _store(entry, msgspec.json.encode(content))
-    return content
-
-
-def _cache_file(bag: FilePath, what: str) -> FilePath | None:
-    """Return the cache file for something of a bag; None if the bag is not worth caching."""
+def _stamp(bag: FilePath) -> tuple[object, ...]:
+    """Return what changes with the files of a bag: their sizes, times and inodes."""
     try:
         files = sorted(bag.iterdir()) if bag.is_dir() else [bag]
-        stats = [(file, file.stat()) for file in files[:_MAX_FILES]]
+        stats = [(file.name, file.stat()) for file in files]
     except OSError:
-        return None
-    if len(files) > _MAX_FILES or sum(stat.st_size for _, stat in stats) < _MIN_CACHED_BYTES:
-        return None
-    identity = hashlib.sha256(f"{_CACHE_VERSION}\0{what}\0{bag.resolve()}\0".encode())
-    for file, stat in stats:
-        values = (file.name, stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns)
-        identity.update(repr(values).encode())
-    with suppress(OSError):
-        return cache_folder("indexes") / f"{identity.hexdigest()}.json"
-    return None
-
-
-def _store(entry: FilePath, content: bytes) -> None:
-    scratch = entry.with_name(f".{entry.name}.{os.getpid()}")
-    try:
-        # Names of topics are not for other users, and no other user may exchange an entry.
-        with private_files():
-            scratch.write_bytes(content)
-        scratch.replace(entry)
-    except OSError:
-        scratch.unlink(missing_ok=True)
+        return ()
+    return tuple((name, stat.st_size, stat.st_mtime_ns, stat.st_ino) for name, stat in stats)
 
 
 def clocks_ahead(times: Mapping[str, TopicTimes], slop_ns: int) -> dict[str, Duration]:
@@ -473,77 +419,21 @@ def clocks_ahead(times: Mapping[str, TopicTimes], slop_ns: int) -> dict[str, Dur
     return {name: Duration(by_ns) for name, by_ns in zip(times, ahead_ns, strict=True)}
 
 
-class MessageCount(msgspec.Struct, frozen=True):
-    """A number of messages; `exact` is False for an estimate from the mean rate."""
-
-    messages: int
-    exact: bool
-
-
-def window_message_counts(context: Context) -> dict[str, MessageCount]:
-    """Return the messages in the window of each loaded topic that the bag contains."""
-    bag = context.bag
+def messages_in_window(context: Context) -> dict[str, int]:
+    """Return the messages in the window of each loaded topic, where their number is known."""
+    bag, window = context.bag, context.window
+    counts: dict[str, int] = {}
     if bag is None:
-        return {}
-    window = context.spec.data_loader.window
-    start_ns = window.start.ns
-    end_ns = bag.duration_ns + 1 if window.end is None else window.end.ns
+        return counts
+    is_whole = not window.start_ns and (window.end_ns or bag.duration_ns + 1) > bag.duration_ns
     times = context.window_times or {}
-    counts = {}
     for name in context.spec.data_loader.topics:
         info = bag.find(name)
-        if info is None:
-            continue
-        if start_ns == 0 and end_ns > bag.duration_ns:
-            counts[name] = MessageCount(info.count, exact=True)
-        elif name in times:
-            counts[name] = MessageCount(len(times[name].recorded_ns), exact=True)
-        elif context.is_rendered:
-            rendered = _count_rendered(bag.name, info.name, start_ns, end_ns)
-            counts[name] = MessageCount(rendered, exact=True)
-        else:
-            first_ns, last_ns = info.span_ns or (bag.start_ns, bag.end_ns)
-            after_ns = max(start_ns, first_ns - bag.start_ns)
-            length_s = (min(end_ns, last_ns - bag.start_ns) - after_ns) / 1e9
-            counts[name] = MessageCount(max(1, round(info.rate_hz * length_s)), exact=False)
+        if info is not None and is_whole:
+            counts[name] = info.count
+        elif info is not None and name in times:
+            counts[name] = len(times[name].recorded_ns)
+        elif info is not None and context.is_rendered:
+            with suppress(DataError):
+                counts[name] = describe(bag.name, {info.name}, window).message_count
     return counts
-
-
-@cache  # of a pure function: the catalogue and its datasets do not change
-def _count_rendered(name: str, topic: str, start_ns: int, end_ns: int) -> int:
-    try:
-        index = describe(name, {topic}, TimeWindow(start_ns=start_ns, end_ns=end_ns))
-    except DataError:
-        return 0
-    return index.message_count
-
-
-def has_recorded_requests(context: Context, topic: str) -> bool | None:
-    """Return True if the events of a service have requests in the window.
-
-    None if they are not read.
-    """
-    return _in_window(
-        context,
-        {topic},
-        lambda events: any(request_kind(event.data) is not None for event in events),
-    )
-
-
-def _in_window(
-    context: Context, topics: set[str], read: Callable[[Iterator[RecordedMessage]], _Read]
-) -> _Read | None:
-    """Return what is read of the messages of some topics in the window.
-
-    None where several bags, or a rendered one, are not read, and where the bag or the window cannot
-    be read, which other rules report.
-    """
-    from r2bspec.bags.bag_reader import read_messages
-
-    path = context.bag_location.path if context.bag_location is not None else None
-    if path is None:
-        return None
-    try:
-        return read(read_messages(path, topics, context.window))
-    except DataError:
-        return None

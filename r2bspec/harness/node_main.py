@@ -29,7 +29,7 @@ from r2bspec.errors import OUTPUT_FOLLOWS, R2bspecError
 from r2bspec.plan.command_lines import flow_yaml
 from r2bspec.plan.plan import NodePlan
 from r2bspec.plan.wiring.python_files import module_of
-from r2bspec.plan.wiring.python_source import KEYWORD_ARGUMENTS
+from r2bspec.plan.wiring.source_interface import KEYWORD_ARGUMENTS
 
 
 class NodeError(R2bspecError):

@@ -15,9 +15,9 @@ from rclpy.node import Node
 from r2bspec.errors import R2bspecError
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
+from r2bspec.harness.request_fields import FieldTypes, field_mistakes
 from r2bspec.ipc import protocol
 from r2bspec.plan.plan import NodePlan
-from r2bspec.plan.request_fields import FieldTypes, field_mistakes
 
 
 class ServiceCallError(R2bspecError):

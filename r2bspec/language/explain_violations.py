@@ -588,7 +588,7 @@ def repair_text(text: str, form: NamePattern) -> str:
         guess = _message_type(text)
     elif form is names.PYTHON_NODE:
         guess = text.replace(":", ".") if ".py" not in text and "/" not in text else ""
-    elif form is names.TOPIC:
+    elif form in (names.TOPIC, names.GRAPH_TOPIC):
         guess = re.sub(r"/{2,}", "/", text.strip()).rstrip("/")
     else:
         guess = text.strip()

@@ -30,6 +30,12 @@ TOPIC = NamePattern(
     "a topic consists of letters, digits and underscores, separated by single slashes; no part "
     "begins with a digit, and it does not end with a slash",
 )
+GRAPH_TOPIC = NamePattern(
+    f"^/?{_PARTS}$",
+    "topic",
+    "a topic outside of a node consists of letters, digits and underscores, separated by single "
+    "slashes; no part begins with a digit, and only a node has topics that begin with '~'",
+)
 NAMESPACE = NamePattern(
     f"^(?:/|/?{_PARTS})$",
     "namespace",
@@ -96,6 +102,7 @@ NOT_EMPTY = NamePattern(r"\S", "path", "the path must not be empty")
 SOME_TEXT = NamePattern(r"\S", "text", "the text must not be empty")
 
 Topic = Annotated[str, TOPIC]
+GraphTopic = Annotated[str, GRAPH_TOPIC]
 Namespace = Annotated[str, NAMESPACE]
 NodeName = Annotated[str, NODE_NAME]
 MonitorName = Annotated[str, MONITOR_NAME]

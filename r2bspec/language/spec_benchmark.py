@@ -86,9 +86,9 @@ class DataLoader(Record, frozen=True, kw_only=True):
     window: Window = Window()
     topics: Annotated[
         dict[
-            names.Topic,
+            names.GraphTopic,
             Annotated[
-                names.Topic,
+                names.GraphTopic,
                 key("data_loader/image", description="The topic in the graph."),
             ],
         ],
@@ -146,7 +146,7 @@ class PlaybackInput(Record, frozen=True, kw_only=True):
 
     about = key(_IMAGE_INPUT)
 
-    source: Annotated[names.Topic, key("buffer/image")] = msgspec.field(name="from")
+    source: Annotated[names.GraphTopic, key("buffer/image")] = msgspec.field(name="from")
     format: Annotated[names.MessageType, key("sensor_msgs/msg/Image")]
     qos: QoS = QoS()
     timestamp: Literal["header", "none"] = "header"
@@ -192,7 +192,7 @@ class Call(Record, frozen=True, kw_only=True):
         tuple[Annotated[RequestFields, key({"tolerance": 0.1}, description="One call.")], ...],
         key([{"tolerance": 0.1}, {"tolerance": 0.5}], at_most=MAX_SPEC_ENTRIES),
     ] = ()
-    source: Annotated[names.Topic | None, key("buffer/plan_calls")] = msgspec.field(
+    source: Annotated[names.GraphTopic | None, key("buffer/plan_calls")] = msgspec.field(
         default=None, name="from"
     )
     every: Annotated[int, key(30, minimum=1)] = 1
@@ -234,7 +234,10 @@ class Timeline(Record, frozen=True, kw_only=True):
 
     speed: Annotated[Share, key("50 %", "200 %", positive=True)] = Share(1.0)
     translations: Annotated[
-        dict[names.Topic, Annotated[Duration, key("20 ms", description="The delay of one input.")]],
+        dict[
+            names.GraphTopic,
+            Annotated[Duration, key("20 ms", description="The delay of one input.")],
+        ],
         key({"image": "20 ms"}, topics=True),
     ] = {}
 
@@ -307,7 +310,7 @@ class Playback(Record, frozen=True, kw_only=True):
     mode: Literal["timeline", "looping", "sweeping", "live"] = "looping"
     buffer: Annotated[int, key(30, 0, minimum=0)] = 0
     inputs: Annotated[
-        dict[names.Topic, PlaybackInput],
+        dict[names.GraphTopic, PlaybackInput],
         key(
             {"image": _IMAGE_INPUT},
             topics=True,
@@ -476,10 +479,10 @@ class Monitor(MonitorSettings, frozen=True, kw_only=True):
 
     about = key({"topic": "tag_detections", "format": "geometry_msgs/msg/PoseArray"})
 
-    topic: Annotated[names.Topic, key("tag_detections", "/tf")]
+    topic: Annotated[names.GraphTopic, key("tag_detections", "/tf")]
     format: Annotated[names.MessageType, key("geometry_msgs/msg/PoseArray")]
     answers: Annotated[
-        tuple[Annotated[names.Topic, key("image", description="A playback input.")], ...],
+        tuple[Annotated[names.GraphTopic, key("image", description="A playback input.")], ...],
         key(["image"]),
     ] = ()
     ratio: Ratio = Ratio()

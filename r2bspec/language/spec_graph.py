@@ -497,9 +497,9 @@ class ReadyProbe(Record, frozen=True, kw_only=True):
     about = key({"log": {"process": "detector", "pattern": "model loaded"}})
 
     file: Annotated[str, key("model.plan", path=True)] = ""
-    service: Annotated[names.Topic, key("detector/set_parameters")] = ""
+    service: Annotated[names.GraphTopic, key("detector/set_parameters")] = ""
     log: LogLine | None = None
-    topic: Annotated[names.Topic, key("detector/status")] = ""
+    topic: Annotated[names.GraphTopic, key("detector/status")] = ""
     timeout: Annotated[Duration, key("30 s", positive=True)] = Duration(30 * 10**9)
 
 
@@ -528,7 +528,7 @@ class ServiceCall(Record, frozen=True, kw_only=True):
         {"name": "detector/enable", "type": "std_srvs/srv/SetBool", "request": {"data": True}}
     )
 
-    name: Annotated[names.Topic, key("detector/enable")]
+    name: Annotated[names.GraphTopic, key("detector/enable")]
     type: Annotated[names.ServiceType, key("std_srvs/srv/SetBool")]
     request: Annotated[RequestFields, key({"data": True})] = {}
 
@@ -546,7 +546,7 @@ class ActionCall(Record, frozen=True, kw_only=True):
         {"name": "fibonacci", "type": "example_interfaces/action/Fibonacci", "goal": {"order": 5}}
     )
 
-    name: Annotated[names.Topic, key("fibonacci")]
+    name: Annotated[names.GraphTopic, key("fibonacci")]
     type: Annotated[names.ActionType, key("example_interfaces/action/Fibonacci")]
     goal: Annotated[RequestFields, key({"order": 5})] = {}
 

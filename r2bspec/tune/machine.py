@@ -11,7 +11,7 @@ from typing import Final
 import msgspec
 
 from r2bspec import api
-from r2bspec.check.rules.tune_settings import goal_problem
+from r2bspec.check.rules.variables_and_tune import goal_problem
 from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
 from r2bspec.compare.interleaved_runs import compare
 from r2bspec.diagnostics.quote import time_text

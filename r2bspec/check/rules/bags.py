@@ -1,19 +1,17 @@
 """Recordings: whether a bag can be used, has what is loaded from it, and which part is played.
 
 A bag that cannot be used is one finding with the code of its error; the other rules then say
-nothing about it. Offline, no bag is examined, and nothing is reported here. The number of messages
-in a window is estimated from the index of the bag if that suffices, and otherwise counted
-(`r2bspec.check.check_context`).
+nothing about it. Offline, no bag is examined, and nothing is reported here.
 """
 
 from __future__ import annotations
 
 from r2bspec.bags.recorded_parts import find_parts
 from r2bspec.bags.recording import not_cdr
-from r2bspec.check.check_context import Context, MessageCount, window_message_counts
+from r2bspec.check.check_context import Context, messages_in_window
 from r2bspec.check.rule import Finding, Findings, Pointer, rule, value_key
 from r2bspec.datasets.catalogue import DURATION_NS
-from r2bspec.diagnostics.quote import pluralize, quote, suggestion
+from r2bspec.diagnostics.quote import quote, suggestion
 from r2bspec.language.quantities import Duration
 
 
@@ -129,9 +127,9 @@ def window_without_messages(context: Context) -> Findings:
     if bag is None or (window.end is not None and window.end.ns <= window.start.ns):
         return
     latched = {played.source for played in context.spec.playback.latched.values()}
-    for name, message_count in window_message_counts(context).items():
+    for name, number in messages_in_window(context).items():
         info = bag.find(name)
-        if message_count.messages or info is None:
+        if number or info is None:
             continue
         empty = info.count == 0
         first_ns, last_ns = info.span_ns or (bag.end_ns, bag.end_ns)
@@ -178,56 +176,6 @@ def window_with_gap(context: Context) -> Findings:
             help=f"use one part: '{parts.window_text}'",
             suppressed_by={value_key(_WINDOW)},
         )
-
-
-_ESTIMATE_TOLERANCE = 1.5
-"""Findings from an estimated count must exceed it by this factor."""
-
-
-@rule("R2B322")
-def buffer_larger_than_data(context: Context) -> Findings:
-    """Find buffers for more messages than the window has."""
-    buffer = context.spec.playback.buffer
-    if not buffer:
-        return
-    smallest: tuple[str, MessageCount] | None = None
-    for name, message_count in _counts_by_input(context).items():
-        enough = (
-            message_count.messages
-            if message_count.exact
-            else message_count.messages * _ESTIMATE_TOLERANCE
-        )
-        if buffer > enough and (smallest is None or message_count.messages < smallest[1].messages):
-            smallest = (name, message_count)
-    if smallest is not None:
-        name, message_count = smallest
-        about = "" if message_count.exact else "about "
-        yield Finding(
-            message=f"the buffer has {pluralize(buffer, 'message')}, but the window has "
-            f"{about}{message_count.messages:,} of {quote(name)}",
-            path=("playback", "buffer"),
-            help="set 'buffer: 0' to play all messages of the window",
-            suppressed_by={value_key(("data_loader", "window"))},
-        )
-
-
-def _counts_by_input(context: Context) -> dict[str, MessageCount]:
-    """Return the maximum number of messages of each playback input.
-
-    Preprocessors are assumed to publish at most one message for each loaded one.
-    """
-    loaded = {
-        context.wiring.topic(context.spec.data_loader.topics[name]): message_count
-        for name, message_count in window_message_counts(context).items()
-    }
-    reached = {topic: context.wiring.preprocess.downstream_of([topic]) for topic in loaded}
-    counts = {}
-    for name, played in context.spec.playback.played.items():
-        source = context.wiring.topic(played.source)
-        feeding = [loaded[topic] for topic, below in reached.items() if source in below]
-        if feeding:
-            counts[name] = max(feeding, key=lambda message_count: message_count.messages)
-    return counts
 
 
 @rule("R2B323")

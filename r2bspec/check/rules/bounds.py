@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import msgspec
-
 from r2bspec.check.check_context import Context, KnownMetric
 from r2bspec.check.rule import Finding, Findings, Pointer, SeverityName, rule
 from r2bspec.diagnostics.quote import quote
@@ -70,52 +68,31 @@ _Limit = tuple[float, bool]
 """An end of the allowed values, and whether it is excluded."""
 
 
-class _TightestBounds(msgspec.Struct):
-    """The tightest bounds of one metric so far, each with its limit."""
-
-    lower: tuple[_Limit, KnownMetric] | None = None
-    upper: tuple[_Limit, KnownMetric] | None = None
-
-    def contradicted(self, low: _Limit, high: _Limit) -> KnownMetric | None:
-        """Return a bound that no value between these limits meets."""
-        if self.lower is not None and _is_empty(self.lower[0], high):
-            return self.lower[1]
-        if self.upper is not None and _is_empty(low, self.upper[0]):
-            return self.upper[1]
-        return None
-
-    def add(self, metric: KnownMetric, low: _Limit, high: _Limit) -> None:
-        """Keep the limits of a bound that are tighter than those before them."""
-        if self.lower is None or low > self.lower[0]:
-            self.lower = (low, metric)
-        if self.upper is None or (-high[0], high[1]) > (-self.upper[0][0], self.upper[0][1]):
-            self.upper = (high, metric)
-
-
 @rule("R2B514")
 def bound_contradiction(context: Context) -> Findings:
     """Find bounds that no value can meet together."""
-    by_key: dict[tuple[object, ...], _TightestBounds] = {}
+    before: dict[tuple[object, ...], list[tuple[KnownMetric, _Limit, _Limit]]] = {}
     for metric in context.known_metrics:
         bound = metric.requirement.bound
         if bound is None or metric.requirement.windows_share is not None:
             continue
         relative = (bound.of_offered, bound.of_baseline, bound.dimension)
         key = (metric.role, metric.at, metric.monitor, metric.info.name, relative)
-        earlier = by_key.setdefault(key, _TightestBounds())
         low, high = _limits(metric.requirement.op, bound.value)
-        other = earlier.contradicted(low, high)
-        if other is not None:
-            yield Finding(
-                message=f"{quote(metric.requirement.text)} contradicts "
-                f"{quote(other.requirement.text)}",
-                path=metric.path,
-                part=metric.bound_part,
-                help="correct one of the bounds",
-                related=(Pointer("the other bound", other.path),),
-                suppressed_by={metric.subject},
-            )
-        earlier.add(metric, low, high)
+        alike = before.setdefault(key, [])
+        for other, other_low, other_high in alike:
+            if _is_empty(low, other_high) or _is_empty(other_low, high):
+                yield Finding(
+                    message=f"{quote(metric.requirement.text)} contradicts "
+                    f"{quote(other.requirement.text)}",
+                    path=metric.path,
+                    part=metric.bound_part,
+                    help="correct one of the bounds",
+                    related=(Pointer("the other bound", other.path),),
+                    suppressed_by={metric.subject},
+                )
+                break
+        alike.append((metric, low, high))
 
 
 @rule("R2B534")

@@ -1,12 +1,9 @@
-"""Whether this machine is the required machine, and has enough shared memory and CPUs."""
+"""Whether this machine is the required machine, and has enough shared memory."""
 
 from __future__ import annotations
 
-import os
-
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, rule
-from r2bspec.diagnostics.quote import quote
 from r2bspec.language.quantities import Size
 from r2bspec.plan import this_machine as machine
 
@@ -22,22 +19,6 @@ def machine_not_as_required(context: Context) -> Findings:
             "labels of this machine",
             machine_dependent=True,
         )
-
-
-@rule("R2B244")
-def threads_above_cpus(context: Context) -> Findings:
-    """Find containers with more threads than rclcpp allows on this machine."""
-    # The limit of rclcpp: CPUs that are online, whichever of them the process may use.
-    cpus = os.cpu_count() or 1
-    for name, container in context.spec.containers.items():
-        if container.executable == "component_container_mt" and container.threads > cpus:
-            yield Finding(
-                message=f"{quote(name)} ends at its start: component_container_mt has at most as "
-                f"many threads as the machine has CPUs, here {cpus}, and not {container.threads}",
-                path=("containers", name, "threads"),
-                help=f"write {cpus} or less, or remove 'threads'",
-                machine_dependent=True,
-            )
 
 
 @rule("R2B629")

@@ -39,22 +39,6 @@ def _declaration(suggestion: str, written: str, context: Context) -> tuple[Point
     return (Pointer(f"{quote(monitor)} is declared here", (*section, monitor), key=True),)
 
 
-@rule("R2B503")
-def metric_without_monitor(context: Context) -> Findings:
-    """Find metrics without a monitor name, in specs with several monitors."""
-    monitors = context.spec.outputs
-    for metric in context.known_metrics:
-        if len(monitors) > 1 and metric.info.scope is Scope.MONITOR and metric.monitor is None:
-            name = metric.info.name
-            first = next(iter(monitors))
-            yield Finding(
-                message=f"{quote(name)} is required of every monitor: {quoted_list(monitors)}",
-                path=metric.path,
-                part=metric.metric_part,
-                help=f"to select one monitor, write for example {quote(f'{first}.{name}')}",
-            )
-
-
 @rule("R2B509")
 def search_condition_unsupported(context: Context) -> Findings:
     """Find conditions of a search that a probe does not measure."""

@@ -6,9 +6,8 @@ silently ignores a remapping that matches nothing.
 
 from __future__ import annotations
 
-import math
-import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from typing import Final
 
 import msgspec
 
@@ -35,7 +34,6 @@ from r2bspec.diagnostics.quote import (
     suggestion,
 )
 from r2bspec.language.located_tree import ListNode
-from r2bspec.language.names import NODE_NAME
 from r2bspec.language.spec import ParameterValue
 from r2bspec.plan.wiring.name_resolution import NODE_TOPICS, is_node_parameter
 from r2bspec.plan.wiring.node_interface import ParameterInfo, ParameterType
@@ -99,35 +97,24 @@ def _type_finding(
         path=path,
         help=f"write {fixed}; ROS does not convert integers to doubles"
         if fixed
-        else _help_of_text(str(value), declared.type)
-        if given == "string"
+        else f"write {_EXAMPLES[declared.type]}"
+        if given == "string" and declared.type in _EXAMPLES
         else "",
         replacement=None if override.file else fixed,
         suppresses={value_key(path)},
     )
 
 
-_READERS: dict[str, tuple[Callable[[str], object], str]] = {
-    "integer": (int, "an integer, such as 2"),
-    "double": (float, "a double, such as 2.0"),
-    "bool": ({"true": True, "false": False}.__getitem__, "true or false"),
+_EXAMPLES: Final[Mapping[str, str]] = {
+    "integer": "an integer, such as 2",
+    "double": "a double, such as 2.0",
+    "bool": "true or false",
 }
-
-
-def _help_of_text(text: str, declared: str) -> str:
-    """Return what to write instead of a text."""
-    if declared not in _READERS:
-        return ""
-    read, example = _READERS[declared]
-    try:
-        return f"remove the quotes: {str(read(text)).lower()}"
-    except (ValueError, KeyError):
-        return f"write {example}"
 
 
 @rule("R2B213")
 def parameter_not_representable(context: Context) -> Findings:
-    """Find parameter values that ROS parameters or plans cannot represent."""
+    """Find parameter values that ROS parameters cannot represent."""
     for _, node in context.nodes:
         for override in parameter_overrides(context, node):
             problem = _representation_problem(override.value)
@@ -142,11 +129,6 @@ def parameter_not_representable(context: Context) -> Findings:
 
 
 def _representation_problem(value: ParameterValue) -> tuple[str, str] | None:
-    items = value if isinstance(value, list) else [value]
-    if any(isinstance(item, float) and not math.isfinite(item) for item in items):
-        return "is not a finite number; plans store finite numbers only", ""
-    if any(isinstance(item, int) and not -(2**63) <= item < 2**63 for item in items):
-        return "does not fit into a 64-bit ROS integer", ""
     if isinstance(value, list) and not value:
         return "is an empty list, whose type ROS cannot determine", "remove the parameter"
     if parameter_type(value) is None:
@@ -190,33 +172,19 @@ def parameter_file_node_mismatch(context: Context) -> Findings:
         if file.matching(node.name)
     }
     for _, node in context.nodes:
-        if node.node.kind.any_program:
-            # It may contain several nodes with any names.
-            continue
-        for path, name, file in parameter_files(context, node):
+        # A command may contain several nodes with any names.
+        for path, name, file in (
+            () if node.node.kind.any_program else parameter_files(context, node)
+        ):
             keys = [] if file.problem else [key for key, _ in file.nodes]
             if keys and not file.matching(node.name):
                 yield Finding(
                     message=f"parameter file {quote(name)} has no parameters of {quote(node.name)}",
                     path=path,
-                    help=_node_key_advice(keys, node),
+                    help=f"it has parameters of {quoted_list(keys)}; '/**' matches any node, and "
+                    "with 'namespace: /' a node has no namespace",
                     severity="warning" if name in used else None,
                 )
-
-
-def _node_key_advice(keys: list[str], node: NodeWiring) -> str:
-    is_below = node.namespace not in {"", "/"}
-    if is_below and any(key.rpartition("/")[2] == node.key for key in keys):
-        return (
-            f"ROS reads {quote(node.key)} as a node without a namespace: write 'namespace: /' in "
-            f"the spec, or in the file {quote(node.name)}, or '/**' for any node"
-        )
-    advice = f"it has parameters of {quoted_list(keys)}; '/**' matches any node"
-    name = keys[0].lstrip("/")
-    if len(keys) > 1 or not re.search(NODE_NAME.pattern, name):
-        return advice
-    also = ", and write 'namespace: /' in the spec" if is_below else ""
-    return f"{advice}; or name the node {quote(name)}{also}"
 
 
 # bool comes before int, because it is a subclass of int.
@@ -258,18 +226,17 @@ class ParameterOverride(msgspec.Struct, frozen=True):
 
 def parameter_overrides(context: Context, node: NodeWiring) -> Iterator[ParameterOverride]:
     """Yield the effective parameters of a node, each with the place that sets it."""
-    files = [
-        (path, name, file) for path, name, file in parameter_files(context, node) if file.names
-    ]
+    is_plugin = node.node.kind.name == "plugin"
     for name, value in node.parameters.items():
         path = context.parameter_path(node, name)
         if path is not None and name in node.node.parameters:
             yield ParameterOverride(name, value, path)
             continue
-        for place, file_name, file in files:
-            if name in file.names:
-                is_used = not file.flat or node.node.kind.name == "plugin"
-                of_one = is_used and name in file.names_of_one(node.name)
+        for place, file_name, file in parameter_files(context, node):
+            if any(name in values for values in file.matching(node.name)):
+                of_one = (file.flat and is_plugin) or any(
+                    key == node.name and name in values for key, values in file.nodes
+                )
                 yield ParameterOverride(name, value, place, file_name, of_one)
                 break
 

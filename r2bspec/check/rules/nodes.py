@@ -5,46 +5,31 @@ It also checks interface files and what is known of the topics of nodes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, Pointer, rule
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote, quoted_list, suggestion
-from r2bspec.language.node_kinds import PYTHON
 from r2bspec.language.spec import Container, Node
 from r2bspec.language.spec_graph import PROCESS_KEYS
 from r2bspec.plan.process_plans import PartPlacement, find_places, graph_processes, reserved_names
-from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring
+from r2bspec.plan.wiring.wiring import PhaseWiring
 
 
 @rule("R2B203")
 def node_name_reserved(context: Context) -> Findings:
     """Find nodes and containers whose process name is reserved or already in use."""
-    reserved = reserved_names(context.spec)
-    for node in context.wiring.measure.nodes:
-        if node.key in reserved:
-            yield _reserved_name("node", node.key, node.path, reserved)
-        elif node.key in context.spec.containers:
+    reserved, containers = reserved_names(context.spec), context.spec.containers
+    named = [(node.key, node.path) for node in context.wiring.measure.nodes]
+    for name, path in (*named, *((name, ("containers", name)) for name in containers)):
+        if name in reserved or (name in containers and path[0] != "containers"):
             yield Finding(
-                message=f"{quote(node.key)} is also the name of a container",
-                path=node.path,
+                message=f"the name {quote(name)} is already that of another process",
+                path=path,
                 key=True,
-                help="rename one of them",
-                related=(Pointer("the container", ("containers", node.key), key=True),),
+                help=f"rename it; reserved names: {quoted_list(reserved)}",
             )
-    for name in context.spec.containers:
-        if name in reserved:
-            yield _reserved_name("container", name, ("containers", name), reserved)
-
-
-def _reserved_name(what: str, name: str, path: Path, reserved: Iterable[str]) -> Finding:
-    return Finding(
-        message=f"{what} name {quote(name)} is reserved",
-        path=path,
-        key=True,
-        help=f"reserved names: {quoted_list(reserved)}",
-    )
 
 
 @rule("R2B215")
@@ -155,58 +140,49 @@ _NO_SETTINGS = Node()
 @rule("R2B221")
 def process_setting_without_effect(context: Context) -> Findings:
     """Find process settings of nodes that share a process because of their placement."""
+    placement = context.spec.graph.placement
     for _, node in context.nodes:
-        for name in PROCESS_KEYS if _is_placed_with_others(context, node) else ():
+        # The language refuses settings of a process for a node in a container.
+        is_alone = node.path[0] != "graph" or placement == "separate" or not node.shares_process
+        for name in () if is_alone else PROCESS_KEYS:
             if getattr(node.node, name) != getattr(_NO_SETTINGS, name):
                 yield Finding(
                     message=f"{quote(name)} of {node.key} has no effect: with 'placement: "
-                    f"{context.spec.graph.placement}' the node shares a process",
+                    f"{placement}' the node shares a process",
                     path=(*node.path, name),
                     key=True,
                     help="give the node its own container or process",
                 )
 
 
-def _is_placed_with_others(context: Context, node: NodeWiring) -> bool:
-    """Return whether a node shares a process by its placement.
-
-    The language refuses settings of a process, and `env`, for a node in a container.
-    """
-    in_graph = node.path[0] == "graph" and context.spec.graph.placement != "separate"
-    return in_graph and node.shares_process
-
-
 @rule("R2B222")
 def threads_without_effect(context: Context) -> Findings:
     """Find thread counts whose executor does not use them."""
-    for _, node in context.nodes:
-        is_program = node.node.kind is PYTHON and node.start.style == "main"
-        if node.node.threads > 1 and node.node.executor == "single_threaded" and not is_program:
+    started: list[tuple[Path, Node | Container, str]] = [
+        (node.path, node.node, "executor: multi_threaded")
+        for _, node in context.nodes
+        if node.start != "main" and node.node.executor == "single_threaded"
+    ]
+    started += [
+        (
+            ("containers", name),
+            container,
+            "executor: multi_threaded"
+            if container.executable == "python"
+            else "executable: component_container_mt",
+        )
+        for name, container in context.spec.containers.items()
+        if container.executable != "component_container_mt"
+        and not (container.executable == "python" and container.executor == "multi_threaded")
+    ]
+    for path, settings, needed in started:
+        if settings.threads > 1:
             yield Finding(
-                message=f"{quote(f'threads: {node.node.threads}')} of {node.key} has no effect: "
-                "its executor is single-threaded",
-                path=(*node.path, "threads"),
-                help="set 'executor: multi_threaded'",
+                message=f"{quote(f'threads: {settings.threads}')} of {path[-1]} has no effect: its "
+                "executor has one thread",
+                path=(*path, "threads"),
+                help=f"set {quote(needed)}",
             )
-    for name, container in context.spec.containers.items():
-        why = _why_unused_threads(container) if container.threads > 1 else ""
-        if why:
-            yield Finding(
-                message=f"{quote(f'threads: {container.threads}')} of {quote(name)} has no effect: "
-                f"{why}",
-                path=("containers", name, "threads"),
-                help="set 'executor: multi_threaded'"
-                if container.executable == "python"
-                else "set 'executable: component_container_mt'",
-            )
-
-
-def _why_unused_threads(container: Container) -> str:
-    if container.executable == "component_container_mt":
-        return ""
-    if container.executable == "python":
-        return "" if container.executor == "multi_threaded" else "its executor is single-threaded"
-    return f"{container.executable} has no such setting"
 
 
 @rule("R2B672")
@@ -228,44 +204,28 @@ def harness_place_unknown(context: Context) -> Findings:
     single = {process.name for process in processes if process.role != "command"}
     for place in find_places(spec, wiring, processes):
         path = (*place.path, "in") if place.named else place.path
-        if not place.process:
-            yield Finding(message=_place_message(place), path=path, help=_place_help(place))
-        elif place.program and place.process in single:
-            yield Finding(
-                message=f"{quote(place.process)} is one program, and has no {quote(place.program)}",
-                path=path,
-                help=f"write {quote(place.process)}",
+        is_player = place.path == ("harness",)
+        part = "the player" if is_player else f"monitor {quote(place.part)}"
+        before = first.setdefault(place.process, place) if place.program else place
+        is_sound = before.program == place.program and not (
+            place.program and place.process in single
+        )
+        if place.process and is_sound:
+            continue
+        does = "read the inputs" if is_player else "publish its topic"
+        message = f"it is not decided which process gets {part}: several may {does}"
+        if place.process:
+            message = (
+                f"{quote(place.process)} has one program that gets parts, not {quote(place.named)}"
             )
-        elif place.program:
-            before = first.setdefault(place.process, place)
-            if before.program != place.program:
-                yield Finding(
-                    message=f"{quote(place.named)} and {quote(before.named)} are two programs of "
-                    f"{quote(place.process)}, of which only one can have parts of the harness",
-                    path=path,
-                    help=f"write {quote(before.named)} here, or start the nodes one by one",
-                    related=(Pointer("the other program", (*before.path, "in")),),
-                )
-
-
-def _place_words(place: PartPlacement) -> tuple[str, str, str]:
-    """Return the part of the harness, its key, and what the process does in which it belongs."""
-    if place.path == ("harness",):
-        return "the player", "harness.in", "read the inputs"
-    return f"monitor {quote(place.part)}", f"monitors.{place.part}.in", "publish its topic"
-
-
-def _place_message(place: PartPlacement) -> str:
-    what, _, does = _place_words(place)
-    if place.named:
-        return f"no process of the graph is, or has a node, named {quote(place.named)}"
-    if place.external:
-        return f"{what} cannot join a process of the graph: external nodes {does}"
-    return f"it is not decided which process gets {what}: several may {does}"
-
-
-def _place_help(place: PartPlacement) -> str:
-    if place.external or not place.choices:
-        return "let r2bspec start the nodes, or write 'harness: {placement: separate}'"
-    key = _place_words(place)[1]
-    return f"set '{key}' to one of the processes: {quoted_list(place.choices)}"
+        elif place.named:
+            message = f"no process of the graph is, or has a node, named {quote(place.named)}"
+        elif place.external:
+            message = f"{part} cannot join a process of the graph: external nodes {does}"
+        yield Finding(
+            message=message,
+            path=path,
+            help="let r2bspec start the nodes, or write 'harness: {placement: separate}'"
+            if place.external or not place.choices
+            else f"set 'in' to one of the processes: {quoted_list(place.choices)}",
+        )

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from r2bspec.bags.message_types import begins_with_header
 from r2bspec.bags.recorded_times import TopicTimes
-from r2bspec.check.check_context import Context, clocks_ahead, window_message_counts
+from r2bspec.check.check_context import Context, clocks_ahead, messages_in_window
 from r2bspec.check.rule import (
     PREPROCESS_FLOW,
     Finding,
@@ -333,14 +333,14 @@ def _by_counts(
     context: Context, bag_topics: dict[str, str], slop_ns: int
 ) -> list[UnplayedMessages]:
     """Return an input with more messages than another has at least so many without a partner."""
-    counts = window_message_counts(context)
-    if not all(topic in counts and counts[topic].exact for topic in bag_topics.values()):
+    counts = messages_in_window(context)
+    if not all(topic in counts for topic in bag_topics.values()):
         return []
-    fewest = min(counts[topic].messages for topic in bag_topics.values())
+    fewest = min(counts[topic] for topic in bag_topics.values())
     return [
         UnplayedMessages(
             topic=topic, count=total - fewest, total=total, at_least=True, slop_ns=slop_ns
         )
         for topic, bag_topic in bag_topics.items()
-        if (total := counts[bag_topic].messages) > fewest > 0
+        if (total := counts[bag_topic]) > fewest > 0
     ]

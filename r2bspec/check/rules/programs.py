@@ -2,13 +2,11 @@
 
 Packages, executables, programs and launch files are looked up in folders and indexes. Sources of
 Python nodes are read, never imported: a class or function is looked up among the names that its
-file binds, and its constructor tells whether it can share a process.
+file binds.
 """
 
 from __future__ import annotations
 
-import ast
-import os
 from collections.abc import Iterator
 from pathlib import Path as FilePath
 
@@ -18,14 +16,12 @@ from r2bspec.check.check_context import Context
 from r2bspec.check.rule import Finding, Findings, Pointer, path_help, rule, value_key
 from r2bspec.check.rules.node_settings import parameter_files
 from r2bspec.diagnostics.diagnostic import Path
-from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, quoted_list, suggestion
+from r2bspec.diagnostics.quote import did_you_mean, pluralize, quote, suggestion
 from r2bspec.language.node_kinds import EXECUTABLE, PLUGIN
 from r2bspec.language.spec_graph import Launch
 from r2bspec.plan import installed_packages, package_advice
 from r2bspec.plan.this_machine import ament_prefixes, find_module, module_file
 from r2bspec.plan.wiring import node_interface
-from r2bspec.plan.wiring.console_scripts import source_script
-from r2bspec.plan.wiring.python_files import read_python_file, source_folder
 from r2bspec.safe_io.file_search import near_path
 from r2bspec.safe_io.safe_file import is_folder, is_regular, names_if_any
 
@@ -129,31 +125,11 @@ def package_not_found(context: Context) -> Findings:
             yield Finding(
                 message=f"ROS package {quote(package)} not found on this machine",
                 path=first,
-                help=_source_help(context, first, package) or _package_help(package, installed),
+                help=_package_help(package, installed),
                 related=tuple(Pointer("also used here", path) for path in others[:_MAX_RELATED]),
                 machine_dependent=True,
                 suppresses={value_key(path) for path in (first, *others)},
             )
-
-
-def _source_help(context: Context, path: Path, package: str) -> str:
-    """Return how to run a script of a package that is not built from its source.
-
-    Empty without one.
-    """
-    node = next((node.node for _, node in context.nodes if node.path == path[:-1]), None)
-    base_dir = context.loaded.base_dir
-    if node is None or not node.executable:
-        return ""
-    found = source_script(source_folder(base_dir), package, node.executable)
-    if found is None:
-        return ""
-    file, function = found
-    written = os.path.relpath(file, base_dir)
-    return (
-        f"build it and source its workspace; or run it from its source: 'python: "
-        f"{written if written.startswith('.') else f'./{written}'}:{function}'"
-    )
 
 
 def _package_help(package: str, installed: frozenset[str]) -> str:
@@ -317,50 +293,6 @@ def _unusable_file(
     return None
 
 
-@rule("R2B689")
-def imported_package_not_installed(context: Context) -> Findings:
-    """Find Python nodes whose file imports a ROS package that is not installed."""
-    if find_module("rclpy") is None:
-        return
-    for path, target in _python_targets(context):
-        tree = None if target.module else read_python_file(target.file)
-        reported = set()
-        for line, package in (
-            sorted(_imported_packages(tree, target.name)) if tree is not None else ()
-        ):
-            beside = target.file.parent / package
-            if (
-                package in reported
-                or not package_advice.is_ros_module(package)
-                or find_module(package) is not None
-                or beside.exists()
-                or beside.with_suffix(".py").exists()
-            ):
-                continue
-            reported.add(package)
-            yield Finding(
-                message=f"{target.file.name}:{line} imports {quote(package)}, which is not "
-                "installed on this machine",
-                path=path,
-                help=package_advice.ros_package_advice(package),
-                machine_dependent=True,
-                suppressed_by={value_key(path)},
-            )
-
-
-def _imported_packages(tree: ast.AST, name: str) -> Iterator[tuple[int, str]]:
-    """Yield the line and the package of each import that has to succeed for a class or function."""
-    for node in ast.iter_child_nodes(tree):
-        match node:
-            case ast.Import(names=names):
-                for alias in names:
-                    yield node.lineno, alias.name.partition(".")[0]
-            case ast.ImportFrom(module=str(module), level=0):
-                yield node.lineno, module.partition(".")[0]
-            case ast.ClassDef() | ast.FunctionDef() if node.name in {name, "__init__"}:
-                yield from _imported_packages(node, name)
-
-
 _REFERENCE_NODES = "r2bspec.nodes"
 
 
@@ -409,21 +341,3 @@ def _public(names: frozenset[str]) -> list[str]:
     return [name for name in names if name[:1].isupper()] or [
         name for name in names if not name.startswith("_")
     ]
-
-
-@rule("R2B231")
-def constructor_argument_missing(context: Context) -> Findings:
-    """Find Python nodes whose constructor needs arguments that a run cannot give."""
-    for _, node in context.nodes:
-        names = node.start.required
-        if names:
-            several = len(names) > 1
-            yield Finding(
-                message=f"{node.node.python.rpartition(':')[2]} cannot be called without "
-                f"{quoted_list(names)}, for which a run has no value{'s' if several else ''}",
-                path=(*node.path, "python"),
-                help=f"give the parameter{'s' if several else ''} a default, or name a function "
-                "that returns the node",
-                suppressed_by={value_key(node.path)},
-                suppresses={value_key(node.path)},
-            )

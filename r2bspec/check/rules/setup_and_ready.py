@@ -3,29 +3,10 @@
 from __future__ import annotations
 
 from r2bspec.check.check_context import Context
-from r2bspec.check.rule import Finding, Findings, publisher_advice, rule, topic_key
+from r2bspec.check.rule import Finding, Findings, rule
 from r2bspec.diagnostics.quote import quote
 from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.safe_io.line_pattern import PatternError, compile_line_pattern
-
-
-@rule("R2B413")
-def ready_topic_without_publisher(context: Context) -> Findings:
-    """Find ready probes that wait for a topic without a publisher."""
-    phase = context.wiring.measure
-    for name, probe in context.spec.ready.items():
-        topic = context.wiring.topic(probe.topic) if probe.topic else ""
-        if not topic or phase.publishers(topic):
-            continue
-        unknown = phase.possible_publishers
-        yield Finding(
-            message=f"no {'known ' if unknown else ''}publisher on "
-            f"{quote(context.relative_name(topic))}, which this probe waits for",
-            path=("ready", name, "topic"),
-            help=publisher_advice(context, phase, topic),
-            severity="warning" if unknown else None,
-            suppressed_by={topic_key(phase.phase, topic)},
-        )
 
 
 @rule("R2B609")
@@ -70,16 +51,3 @@ def _may_manage(node: NodeWiring) -> bool:
     What a source says of topics is no answer.
     """
     return not (node.interface.is_lifecycle or node.interface.publishes_from == "table")
-
-
-@rule("R2B238")
-def no_lifecycle_node(context: Context) -> Findings:
-    """Find nodes that are to be activated but are no lifecycle nodes."""
-    for _, node in context.nodes:
-        has_source = node.interface.publishes_from in {"source", "table"}
-        if node.node.lifecycle is not None and has_source and not node.interface.is_lifecycle:
-            yield Finding(
-                message=f"{node.key} is no lifecycle node, and has no states",
-                path=(*node.path, "lifecycle"),
-                help="remove 'lifecycle'",
-            )

@@ -22,53 +22,10 @@ from r2bspec.check.rule import (
     why_unknown,
     with_record,
 )
-from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import MAX_SUGGESTIONS, did_you_mean, quote, quoted_list, suggestion
 from r2bspec.plan.wiring.name_resolution import NODE_TOPICS, SHARED_TOPICS
 from r2bspec.plan.wiring.node_interface import InterfaceSource
 from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring, WiredEndpoint
-
-
-@rule("R2B201")
-def private_topic_without_node(context: Context) -> Findings:
-    """Find private topic names, with '~', outside of a node."""
-    for name, path, phase, key in _harness_topics(context):
-        if not name.startswith("~"):
-            continue
-        private = [topic for topic in _private_topics(context, phase) if topic.endswith(name[1:])]
-        topics = (*private, context.wiring.topic(name))
-        yield Finding(
-            message=f"private topic {quote(name)} is used outside of a node",
-            path=path,
-            key=key,
-            help=f"did you mean {quote(context.relative_name(private[0]))}?"
-            if len(private) == 1
-            else "write the full name: namespace, node name, topic",
-            suppresses={flow_key(phase), *(topic_key(phase, topic) for topic in topics)},
-        )
-
-
-def _private_topics(context: Context, phase: str) -> list[str]:
-    """Return the topics of a phase under the name of one of its nodes."""
-    return [
-        topic
-        for wiring in context.wiring.phases
-        if wiring.phase == phase
-        for topic in wiring.topics
-        if any(topic.startswith(f"{node.name}/") for node in wiring.nodes)
-    ]
-
-
-def _harness_topics(context: Context) -> Iterator[tuple[str, Path, str, bool]]:
-    """Each topic that the spec names outside of nodes: name, path, phase, whether it is a key."""
-    spec = context.spec
-    for bag_topic, target in spec.data_loader.topics.items():
-        yield target, ("data_loader", "topics", bag_topic), "preprocess", False
-    for name, played in spec.playback.inputs.items():
-        yield name, ("playback", "inputs", name), "measure", True
-        yield played.source, ("playback", "inputs", name, "from"), "preprocess", False
-    for name, monitor in spec.monitors.items():
-        yield monitor.topic, ("monitors", name, "topic"), "measure", False
 
 
 @rule("R2B207")
@@ -295,38 +252,3 @@ def _two_publishers(
 
 def _publisher_label(endpoint: WiredEndpoint) -> str:
     return _HARNESS_LABELS.get(endpoint.owner, endpoint.owner.rpartition("/")[2])
-
-
-@rule("R2B214")
-def absolute_name_outside_namespace(context: Context) -> Findings:
-    """Find absolute topic names outside of the namespace of the benchmark."""
-    namespace = context.wiring.namespace
-    if namespace == "/":
-        return
-    inside = f"{namespace}/"
-    outside = {node.name for _, node in context.nodes if node.node.kind.by_others}
-    for name, path, key in _absolute_names(context):
-        if name.startswith(inside) or name in SHARED_TOPICS or outside:
-            continue
-        yield Finding(
-            message=f"{quote(name)} is outside of the namespace {quote(namespace)}",
-            path=path,
-            key=key,
-            help=f"write {quote(name.lstrip('/'))}, or {quote('namespace: /')} if the graph needs "
-            "absolute names",
-        )
-
-
-def _absolute_names(context: Context) -> Iterator[tuple[str, Path, bool]]:
-    """Yield every absolute name that receives messages: name, path, whether it is a key."""
-    spec = context.spec
-    for bag_topic, target in spec.data_loader.topics.items():
-        if target.startswith("/"):
-            yield target, ("data_loader", "topics", bag_topic), False
-    for name in spec.playback.inputs:
-        if name.startswith("/"):
-            yield name, ("playback", "inputs", name), True
-    for _, node in context.nodes:
-        for left, right in node.node.remappings.items():
-            if right.startswith("/"):
-                yield right, (*node.path, "remappings", left), False

@@ -6,6 +6,7 @@ is silent if they do not. The types that a spec states itself must exist, too.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Final
 
 from r2bspec.bags import message_types
@@ -20,9 +21,9 @@ from r2bspec.check.rule import (
     value_key,
     with_endpoint_records,
 )
-from r2bspec.check.rules.calls import stated_calls
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote
+from r2bspec.language.spec import Spec
 from r2bspec.plan.installed_interfaces import installed_types
 from r2bspec.plan.package_advice import ros_package_advice
 from r2bspec.plan.this_machine import find_module
@@ -244,8 +245,8 @@ def message_type_not_installed(context: Context) -> Findings:
             place = endpoint.path if is_transform else endpoint.type_path
             if not endpoint.is_node and place and endpoint.type:
                 stated.setdefault(endpoint.type, place)
-    for call in stated_calls(context.spec):
-        stated.setdefault(call.type, (*call.path, "type"))
+    for path, name in _called_types(context.spec):
+        stated.setdefault(name, path)
     if not stated or find_module("rclpy") is None:
         return
     for name, path in stated.items():
@@ -262,6 +263,17 @@ def message_type_not_installed(context: Context) -> Findings:
             machine_dependent=True,
             suppressed_by={value_key(path)},
         )
+
+
+def _called_types(spec: Spec) -> Iterator[tuple[Path, str]]:
+    """Yield the type of every service and action that a spec calls, with its place."""
+    for name, call in spec.playback.calls.items():
+        for key, called in (("service", call.service), ("action", call.action)):
+            if called is not None:
+                yield ("playback", "calls", name, key, "type"), called.type
+    for name, step in spec.after_ready.items():
+        if step.service is not None:
+            yield ("after_ready", name, "service", "type"), step.service.type
 
 
 def _type_advice(package: str, name: str, types: frozenset[str]) -> str:

@@ -19,7 +19,6 @@ from r2bspec.plan.wiring import node_interface
 from r2bspec.plan.wiring.companion_files import NO_COMPANION_FILES, CompanionFiles
 from r2bspec.plan.wiring.name_resolution import Remapper, expand, join_namespaces, node_name
 from r2bspec.plan.wiring.parameter_files import merged_parameters
-from r2bspec.plan.wiring.python_source import KEYWORDS
 from r2bspec.plan.wiring.wiring import NodeWiring, PhaseWiring, WiredEndpoint, Wiring
 
 TF_MESSAGE_TYPE = "tf2_msgs/msg/TFMessage"
@@ -107,7 +106,7 @@ def _nodes(
             interface=node_interface.interface_of(node, entries, names, parameters),
             is_ros_process=_has_ros_settings(node),
             parameters=parameters,
-            start=files.starts.get(node.python, KEYWORDS),
+            start=files.starts.get(node.python, "keywords"),
         )
 
 

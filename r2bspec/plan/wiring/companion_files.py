@@ -4,13 +4,11 @@ They are read as data, once, so that wiring and plan are pure functions of value
 read in the work tree of git, or else in the colcon workspace, that holds the spec, such as
 ``src/package/node.py`` beside ``bench/``; modules where they are installed. Except for those, and
 for parameter files that the spec names by their paths, nothing outside of the folder of the spec is
-read, and links out of a folder are not followed. All files of a kind have a limit together, over
-all cases of a spec.
+read, and links out of a folder are not followed.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from functools import cache, partial
 from pathlib import Path
@@ -20,7 +18,6 @@ import msgspec
 from r2bspec.language.spec import Node, Spec
 from r2bspec.plan.installed_packages import python_target
 from r2bspec.plan.this_machine import module_file
-from r2bspec.plan.wiring.ast_reader import read_node_class, unknown_interface
 from r2bspec.plan.wiring.console_scripts import installed_script
 from r2bspec.plan.wiring.node_interface import (
     InterfaceEntry,
@@ -29,9 +26,14 @@ from r2bspec.plan.wiring.node_interface import (
     parse_interface_entry,
     reference_node_interfaces,
 )
-from r2bspec.plan.wiring.parameter_files import ParameterEffort, ParameterFile, read_parameter_file
+from r2bspec.plan.wiring.parameter_files import ParameterFile, read_parameter_file
 from r2bspec.plan.wiring.python_files import module_of, read_python_file, source_folder
-from r2bspec.plan.wiring.python_source import NodeStart, read_node_start
+from r2bspec.plan.wiring.source_interface import (
+    StartStyle,
+    read_node_class,
+    read_start_style,
+    unknown_interface,
+)
 from r2bspec.safe_io import limits, safe_file
 from r2bspec.safe_io.safe_yaml import load_values
 
@@ -54,7 +56,7 @@ class CompanionFiles(msgspec.Struct, frozen=True):
     interface_errors: Mapping[str, str] = msgspec.field(default_factory=dict)
     parameter_files: Mapping[str, ParameterFile] = msgspec.field(default_factory=dict)
     sources: Mapping[str, InterfaceEntry] = msgspec.field(default_factory=dict)
-    starts: Mapping[str, NodeStart] = msgspec.field(default_factory=dict)
+    starts: Mapping[str, StartStyle] = msgspec.field(default_factory=dict)
 
 
 NO_COMPANION_FILES = CompanionFiles()
@@ -85,22 +87,17 @@ class CompanionReader:
     def __init__(self, base_dir: Path) -> None:
         self._base_dir = base_dir
         self._recorded = safe_file.is_folder(base_dir / INTERFACES_FOLDER)
-        self._yaml = safe_file.ByteBudget(limits.MAX_COMPANION_YAML_BYTES)
-        self._python = safe_file.ByteBudget(limits.MAX_SPEC_PYTHON_BYTES)
-        self._interface = cache(partial(_read_interface, base_dir, self._yaml))
-        self._source = cache(lambda target: read_source(target, base_dir, self._python))
-        self._parameter_file = cache(
-            lambda path: read_parameter_file(base_dir / path, base_dir, self._yaml)
-        )
-        self._effort = ParameterEffort()
+        self._interface = cache(partial(_read_interface, base_dir))
+        self._source = cache(partial(read_source, base_dir=base_dir))
+        self._parameter_file = cache(lambda path: read_parameter_file(base_dir / path, base_dir))
 
     def read(self, spec: Spec) -> CompanionFiles:
         """Return the companion files of one case."""
         interfaces: dict[str, InterfaceEntry] = {}
         interface_errors: dict[str, str] = {}
         sources: dict[str, InterfaceEntry] = {}
-        starts: dict[str, NodeStart] = {}
-        named: Counter[str] = Counter()
+        starts: dict[str, StartStyle] = {}
+        files: dict[str, ParameterFile] = {}
         for key, node in (*spec.preprocessors.items(), *spec.graph.nodes.items()):
             recorded = self.usable_interface(key, node) if self._recorded else None
             if isinstance(recorded, str):
@@ -114,11 +111,7 @@ class CompanionReader:
                     starts[node.python] = start
             elif node.executable and (script := installed_script(node.package, node.executable)):
                 sources[node_target(node)], _ = self._source(script)
-            named.update(set(node.parameter_files))
-        files = {
-            path: self._effort.limited(self._parameter_file(path), number)
-            for path, number in named.items()
-        }
+            files |= {path: self._parameter_file(path) for path in node.parameter_files}
         return CompanionFiles(interfaces, interface_errors, files, sources, starts)
 
     def usable_interface(self, key: str, node: Node) -> InterfaceEntry | str | None:
@@ -129,15 +122,11 @@ class CompanionReader:
         return origin_difference(entry.recorded_from, node, self._base_dir) or entry
 
 
-def _read_interface(
-    base_dir: Path, budget: safe_file.ByteBudget, key: str
-) -> InterfaceEntry | str | None:
+def _read_interface(base_dir: Path, key: str) -> InterfaceEntry | str | None:
     """Return the recorded interface of a node, why it cannot be used, or None if there is none."""
     file = interface_file(base_dir, key)
     try:
-        text = safe_file.read_text(
-            file, max_bytes=limits.MAX_COMPANION_BYTES, folders=(base_dir,), budget=budget
-        )
+        text = safe_file.read_text(file, max_bytes=limits.MAX_COMPANION_BYTES, folders=(base_dir,))
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -151,15 +140,12 @@ def _read_interface(
         return str(error).partition("\n")[0] or type(error).__name__
 
 
-def read_source(
-    target: str, base_dir: Path, budget: safe_file.ByteBudget | None = None
-) -> tuple[InterfaceEntry, NodeStart | None]:
+def read_source(target: str, base_dir: Path) -> tuple[InterfaceEntry, StartStyle | None]:
     """Return the topics of a Python node from its source, or why they are unknown, and its start.
 
     Args:
         target: as the spec names it.
         base_dir: the folder of the spec.
-        budget: what this file and others may have together.
     """
     python = python_target(target, base_dir)
     place = python.module or target.rpartition(":")[0]
@@ -172,11 +158,11 @@ def read_source(
     if not python.module and not python.readable:
         why = f"{place} is not read: it is in no git work tree or colcon workspace with the spec"
         return unknown_interface(why), None
-    tree = read_python_file(path if python.module else file, folder, budget)
+    tree = read_python_file(path if python.module else file, folder)
     if tree is None:
         return unknown_interface(f"{place} cannot be read as Python"), None
     try:
-        read = cache(partial(read_python_file, folder=folder, budget=budget))
-        return read_node_class(tree, python.name, path, read), read_node_start(tree, python.name)
+        read = cache(partial(read_python_file, folder=folder))
+        return read_node_class(tree, python.name, path, read), read_start_style(tree, python.name)
     except RecursionError:
         return unknown_interface("its source is nested too deeply"), None

@@ -17,25 +17,24 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import yaml
 
 from r2bspec.language.spec import Node, ParameterValue
 from r2bspec.safe_io import limits
 from r2bspec.safe_io.line_pattern import LinePattern, PatternError, compile_line_pattern
-from r2bspec.safe_io.safe_file import ByteBudget, OutsideFolderError, read_text, real_path
+from r2bspec.safe_io.safe_file import OutsideFolderError, read_text, real_path
 from r2bspec.safe_io.safe_yaml import RefusedYamlError, load_values
 
 _PARAMETERS_KEY = "ros__parameters"
 _OUTSIDE_PROBLEM = f"is no parameter file: each node needs a map '{_PARAMETERS_KEY}'"
 
 
-@dataclass(frozen=True)
-class ParameterFile:
+class ParameterFile(msgspec.Struct, frozen=True):
     """The content of a parameter file, or why it cannot be used.
 
     Attributes:
@@ -50,44 +49,12 @@ class ParameterFile:
     missing: bool = False
     problem: str = ""
 
-    @cached_property
-    def number_of_values(self) -> int:
-        """The number of parameters of all keys together."""
-        return sum(len(values) for _, values in self.nodes)
-
-    @cached_property
-    def number_of_wildcards(self) -> int:
-        """The number of keys with wildcards; each is compared with the name of every node."""
-        return sum("*" in key for key, _ in self.nodes)
-
-    @cached_property
-    def names(self) -> frozenset[str]:
-        """The names of the parameters of all keys."""
-        return frozenset(name for _, values in self.nodes for name in values)
-
-    @cached_property
-    def _positions(self) -> dict[str, list[int]]:
-        """The positions of each key without wildcards, and below the empty key all others."""
-        positions: dict[str, list[int]] = {"": []}
-        for position, (key, _) in enumerate(self.nodes):
-            positions.setdefault("" if "*" in key else key, []).append(position)
-        return positions
-
-    def names_of_one(self, full_name: str) -> frozenset[str]:
-        """Return the names of the parameters that are meant for this node alone."""
-        own = self.names if self.flat else frozenset[str]()
-        return own.union(*(values for key, values in self.nodes if key == full_name))
-
     def matching(self, full_name: str) -> list[Mapping[str, ParameterValue]]:
         """Return the parameters of every key that matches a full node name, in file order."""
-        same = self._positions.get(full_name, []) if full_name else []
-        wild = [at for at in self._positions[""] if node_key_matches(self.nodes[at][0], full_name)]
-        return [self.nodes[position][1] for position in sorted((*same, *wild))]
+        return [values for key, values in self.nodes if node_key_matches(key, full_name)]
 
 
-def read_parameter_file(
-    path: Path, base_dir: Path | None = None, budget: ByteBudget | None = None
-) -> ParameterFile:
+def read_parameter_file(path: Path, base_dir: Path | None = None) -> ParameterFile:
     """Read a parameter file; problems are in the result.
 
     A path may lead anywhere, because it is visible in the spec, but a link may not lead out of its
@@ -97,12 +64,10 @@ def read_parameter_file(
     Args:
         path: the file.
         base_dir: the folder of the spec; by default that of the file.
-        budget: what this file and others may have together.
     """
     home = path.parent if base_dir is None else base_dir
     try:
-        folders = (path.parent, home)
-        text = read_text(path, max_bytes=limits.MAX_COMPANION_BYTES, folders=folders, budget=budget)
+        text = read_text(path, max_bytes=limits.MAX_COMPANION_BYTES, folders=(path.parent, home))
     except FileNotFoundError:
         return ParameterFile(missing=True, problem="does not exist")
     except OutsideFolderError as error:
@@ -125,81 +90,43 @@ def read_parameter_file(
         return ParameterFile(problem=f"is not YAML{where}")
     if not isinstance(document, dict):
         return ParameterFile(problem="is not a map of nodes")
+    if document and not any(_has_nodes(value) for value in document.values()):
+        return ParameterFile((("/**", dict(_flatten(document))),), flat=True)
     try:
-        if document and not any(_has_nodes(value) for value in document.values()):
-            file = ParameterFile((("/**", dict(_flatten(document))),), flat=True)
-        else:
-            file = ParameterFile(tuple(_nodes(document)))
+        return ParameterFile(tuple(_nodes(document)))
     except ValueError as error:
         inside = real_path(path.parent).is_relative_to(real_path(home))
         return ParameterFile(problem=str(error) if inside else _OUTSIDE_PROBLEM)
-    if file.number_of_values + len(file.nodes) > limits.MAX_PARAMETERS:
-        return ParameterFile(problem=f"expands to more than {limits.MAX_PARAMETERS:,} values")
-    if file.number_of_wildcards > limits.MAX_WILDCARD_KEYS:
-        return ParameterFile(
-            problem=f"has more than {limits.MAX_WILDCARD_KEYS} keys with wildcards"
-        )
-    return file
-
-
-class ParameterEffort:
-    """The cost of the parameter files of a spec, over all of its files and cases."""
-
-    def __init__(self) -> None:
-        self._left = limits.MAX_VALUES_OF_CASES
-
-    def limited(self, file: ParameterFile, number_of_nodes: int) -> ParameterFile:
-        """Return the file, or why that many nodes of another case cannot use it.
-
-        Each node gets values of its own.
-        """
-        if file.number_of_values * number_of_nodes > limits.MAX_VALUES_OF_NODES:
-            return ParameterFile(
-                problem=f"has {file.number_of_values:,} values for {number_of_nodes:,} nodes; "
-                f"the limit is {limits.MAX_VALUES_OF_NODES:,} together"
-            )
-        total = (file.number_of_values + file.number_of_wildcards) * number_of_nodes
-        if total > self._left:
-            return ParameterFile(
-                problem=f"is one of several that have more than {limits.MAX_VALUES_OF_CASES:,} "
-                "values for all nodes and cases together"
-            )
-        self._left -= total
-        return file
 
 
 def _nodes(
-    document: Mapping[Any, Any], above: str = "", depth: int = 0
+    document: Mapping[Any, Any], above: str = ""
 ) -> Iterator[tuple[str, Mapping[str, ParameterValue]]]:
     for key, value in document.items():
         name = f"{above}/{str(key).strip('/')}"
-        if not isinstance(value, dict) or depth > limits.MAX_COMPANION_DEPTH:
+        if not isinstance(value, dict):
             raise ValueError(f"has no '{_PARAMETERS_KEY}' below {str(key)!r}")
         if _PARAMETERS_KEY in value:
             given = value[_PARAMETERS_KEY]
             if not isinstance(given, dict | None):
                 raise ValueError(f"has a '{_PARAMETERS_KEY}' of {str(key)!r} that is not a map")
             yield name, dict(_flatten(given or {}))
-        elif value:
-            yield from _nodes(value, name, depth + 1)
+        else:
+            yield from _nodes(value, name)
 
 
-def _has_nodes(value: Any, depth: int = 0) -> bool:
-    is_map = isinstance(value, dict) and depth <= limits.MAX_COMPANION_DEPTH
-    return is_map and (
-        _PARAMETERS_KEY in value or any(_has_nodes(part, depth + 1) for part in value.values())
+def _has_nodes(value: Any) -> bool:
+    return isinstance(value, dict) and (
+        _PARAMETERS_KEY in value or any(map(_has_nodes, value.values()))
     )
 
 
-def _flatten(
-    given: Mapping[Any, Any], above: str = "", depth: int = 0
-) -> Iterator[tuple[str, Any]]:
+def _flatten(given: Mapping[Any, Any], above: str = "") -> Iterator[tuple[str, Any]]:
     for key, value in given.items():
-        name = f"{above}{key}"
-        if isinstance(value, dict) and depth <= limits.MAX_COMPANION_DEPTH:
-            yield from _flatten(value, f"{name}.", depth + 1)
+        if isinstance(value, dict):
+            yield from _flatten(value, f"{above}{key}.")
         elif isinstance(value, bool | int | float | str | list):
-            yield name, value
+            yield f"{above}{key}", value
 
 
 @lru_cache(maxsize=1000)

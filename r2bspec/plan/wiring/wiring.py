@@ -17,7 +17,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.language.spec import Node, ParameterValue, QoS
 from r2bspec.plan.wiring.name_resolution import Remapper, expand
 from r2bspec.plan.wiring.node_interface import Interface
-from r2bspec.plan.wiring.python_source import KEYWORDS, NodeStart
+from r2bspec.plan.wiring.source_interface import StartStyle
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -48,7 +48,7 @@ class NodeWiring(msgspec.Struct, frozen=True):
     interface: Interface
     is_ros_process: bool = True
     parameters: Mapping[str, ParameterValue] = msgspec.field(default_factory=dict)
-    start: NodeStart = KEYWORDS
+    start: StartStyle = "keywords"
 
     @property
     def role(self) -> ProcessRole | None:
@@ -58,7 +58,7 @@ class NodeWiring(msgspec.Struct, frozen=True):
     @property
     def shares_process(self) -> bool:
         """Whether it can run in one process with other nodes."""
-        return self.node.kind.shares_process and not self.start.needs_own_process
+        return self.node.kind.shares_process and self.start == "keywords"
 
 
 class WiredEndpoint(msgspec.Struct, frozen=True):

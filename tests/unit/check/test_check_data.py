@@ -91,17 +91,6 @@ def test_transforms_that_are_not_recorded_are_said(spec_file: str, key: str) -> 
     assert [str(found.severity) for found in missing] == ["warning"]
 
 
-def test_buffers_are_compared_with_what_there_is(spec_file: str) -> None:
-    def buffered(number: int, window: str) -> list[str]:
-        playback = f"{{buffer: {number}, inputs: {{talk: {{from: talk_raw, format: {STRING}}}}}}}"
-        return codes(recorded(window, playback=playback), file=spec_file)
-
-    assert buffered(101, "{}") == []
-    assert buffered(102, "{}") == ["R2B322"]
-    assert buffered(10, "{end: 1 s}") == []
-    assert buffered(11, "{end: 1 s}") == ["R2B322"]
-
-
 @pytest.mark.parametrize(
     ("damage", "code"),
     [

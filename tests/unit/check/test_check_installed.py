@@ -318,19 +318,6 @@ def test_message_types_of_the_harness_are_looked_up(
     assert all(each.help.startswith(help_text) for each in found)
 
 
-def test_ros_packages_that_a_node_imports_are_looked_up(folder: Path) -> None:
-    text = example(graph="nodes: {one: {python: './nodes.py:make'}}")
-    imports = "import numpy, std_msgs.msg\nfrom tf2_ros import Buffer\nimport sibling_msgs\n"
-    choice = "try:\n    import message_filters\nexcept ImportError:\n    pass\n"
-    lazy = "def make(**kwargs):\n    import cv_bridge\n"
-    (folder / "sibling_msgs").mkdir()
-    (folder / "nodes.py").write_text(imports + choice + lazy)
-    assert [each.message for each in findings_of(folder, text, "R2B689")] == [
-        "nodes.py:2 imports 'tf2_ros', which is not installed on this machine",
-        "nodes.py:9 imports 'cv_bridge', which is not installed on this machine",
-    ]
-
-
 def test_wheels_are_advised_where_they_exist(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("r2bspec.plan.package_advice.has_wheels", lambda: True)
     monkeypatch.delenv("ROS_DISTRO", raising=False)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from check_specs import codes, findings, write_bag
+from check_specs import codes, findings
 
 from ament_packages import install_package
 from example_spec import example
-from r2bspec.check.check_context import cached_index
-from r2bspec.datasets.catalogue import locate as locate_bag
 from r2bspec.diagnostics import Certainty
 
 
@@ -67,16 +65,6 @@ def test_more_shared_memory_than_there_is(spec_file: str, monkeypatch: pytest.Mo
     assert (found.code, found.certainty) == ("R2B629", Certainty.ENVIRONMENT)
 
 
-@pytest.mark.parametrize(("threads", "warned"), [(2, False), (3, True)])
-def test_a_container_has_no_more_threads_than_the_machine_has_cpus(
-    spec_file: str, monkeypatch: pytest.MonkeyPatch, threads: int, warned: bool
-) -> None:
-    monkeypatch.setattr("os.cpu_count", lambda: 2)
-    vision = f"{{vision: {{executable: component_container_mt, threads: {threads}}}}}"
-    codes = {each.code for each in findings(example(containers=vision), file=spec_file)}
-    assert ("R2B244" in codes) is warned
-
-
 def test_a_launch_file_of_a_package_is_looked_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spec_file: str
 ) -> None:
@@ -100,25 +88,6 @@ def test_a_launch_file_of_a_package_is_looked_up(
     program.touch(mode=0o755)
     assert said("camera.launch.py") == []
     assert said("camra.launch.py") == ["R2B613"]
-
-
-def test_indexes_of_large_bags_are_kept_until_a_file_changes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    bag = write_bag(tmp_path / "bag", {"/talk": [0, 1]})
-    location = locate_bag("./bag", tmp_path)
-    cached_index(location)
-    assert not (tmp_path / "cache").exists(), "small bags are not worth it"
-    monkeypatch.setattr("r2bspec.check.check_context._MIN_CACHED_BYTES", 1)
-    first = cached_index(location)
-    (entry,) = (tmp_path / "cache/r2bspec/indexes").iterdir()
-    assert cached_index(location) == first
-    entry.write_text("damaged", encoding="utf-8")
-    assert cached_index(location) == first
-    next(bag.glob("*.mcap")).unlink()
-    with pytest.raises(Exception, match=r"mcap"):
-        cached_index(location)
 
 
 def test_several_recordings_are_one(tmp_path: Path, spec_file: str) -> None:

@@ -54,6 +54,7 @@ ATTRIBUTE_READ = re.compile(r"(?<=[\w)\]])\.(\w+)(?!\w| = )")
 
 NOT_READ_BY_FIELD = {
     "Plan.r2bspec_plan": "the version of the format: checked before a plan is decoded",
+    "CallPlan.each": "is read by `CallPlan.requests`",
     "Plan.generator": "names the version that compiled a plan file, for its reader",
 }
 

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from r2bspec.plan.wiring.name_resolution import Remapper, ResolvedName, expand, join_namespaces
-from r2bspec.plan.wiring.parameter_files import (
-    ParameterEffort,
-    ParameterFile,
-    node_key_matches,
-    read_parameter_file,
-)
-from r2bspec.safe_io.limits import MAX_VALUES_OF_NODES
+from r2bspec.plan.wiring.parameter_files import ParameterFile, node_key_matches
 
 # Names are resolved as rcl resolves them.
 
@@ -145,12 +137,3 @@ def test_exact_keys_and_wildcards_apply_in_the_order_of_the_file() -> None:
     file = ParameterFile((("/**", {"a": 1}), ("/n", {"a": 2}), ("/*", {"a": 3}), ("/m", {"a": 4})))
     assert file.matching("/n") == [{"a": 1}, {"a": 2}, {"a": 3}]
     assert file.matching("/m/n") == [{"a": 1}]
-
-
-def test_too_many_wildcards_and_too_many_values_are_named(tmp_path: Path) -> None:
-    path = tmp_path / "p.yaml"
-    path.write_text("".join(f"/**/n{i}: {{ros__parameters: {{a: 1}}}}\n" for i in range(101)))
-    assert "100 keys with wildcards" in read_parameter_file(path).problem
-    file = ParameterFile((("/**", {f"p{i}": i for i in range(1000)}),))
-    assert ParameterEffort().limited(file, MAX_VALUES_OF_NODES // 1000) is file
-    assert "together" in ParameterEffort().limited(file, MAX_VALUES_OF_NODES // 1000 + 1).problem

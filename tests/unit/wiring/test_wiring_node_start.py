@@ -6,7 +6,6 @@ import ast
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 import yaml
 
@@ -17,7 +16,7 @@ from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.compile_plan import compile_plan
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.wiring.companion_files import read_companion_files
-from r2bspec.plan.wiring.python_source import NodeStart, read_node_start
+from r2bspec.plan.wiring.source_interface import read_start_style
 
 NODES_FILE = Path(__file__).with_name("nodes.yaml")
 STARTS = yaml.safe_load(NODES_FILE.read_text(encoding="utf-8"))["starts"]
@@ -25,8 +24,7 @@ STARTS = yaml.safe_load(NODES_FILE.read_text(encoding="utf-8"))["starts"]
 
 @pytest.mark.parametrize("case", STARTS, ids=lambda case: case["text"])
 def test_what_a_constructor_takes_decides(case: dict[str, Any]) -> None:
-    expected = case["start"] and msgspec.convert(case["start"], NodeStart)
-    assert read_node_start(ast.parse(case["text"]), "N") == expected
+    assert read_start_style(ast.parse(case["text"]), "N") == case["start"]
 
 
 NODES = """

@@ -54,8 +54,7 @@ def test_init_writes_a_valid_spec_that_knows_the_topics(
     monitored = {each["topic"] for each in yaml.safe_load(file.read_text())["monitors"].values()}
     assert monitored == published
     wrong = {each.code for each in check(load_spec(file)) if each.severity == "error"}
-    # Some import packages of ROS that do not exist as wheels.
-    assert wrong <= {"R2B689"}
+    assert not wrong
     capsys.readouterr()
 
 
@@ -75,8 +74,7 @@ def test_a_base_class_in_another_file_of_the_package_is_read(bench: Path) -> Non
     assert set(interface.publishes or ()) == {"cmd"}
     assert interface.may_publish_more == ""
     assert set(interface.parameters or ()) == {"speed"}
-    assert start is not None
-    assert start.style == "main"
+    assert start == "main"
 
 
 def test_classes_are_followed_through_the_files_of_a_package(tmp_path: Path) -> None:
@@ -119,19 +117,6 @@ def test_a_node_of_which_nothing_is_known_is_said_to_be_so(
         "'input' and 'output' stand for them:\n  ../nodes/relay.py is not read: it is in no git"
         in (capsys.readouterr().out)
     )
-
-
-def test_a_package_that_is_not_built_can_run_from_its_source(bench: Path) -> None:
-    assert main(["init", str(bench / "package"), "--node", "drive_pkg:driver"]) == 0
-    file = bench / "package.r2b.yaml"
-    written = "../src/drive_pkg/drive_pkg/driver_node.py:main"
-    text = file.read_text()
-    assert f"python: {written}" in text
-    file.write_text(
-        text.replace(f"python: {written}", "package: drive_pkg\n      executable: driver")
-    )
-    [found] = [each for each in check(load_spec(file)) if each.code == "R2B622"]
-    assert f"'python: {written}'" in found.help
 
 
 def test_the_function_of_an_installed_script_is_known(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""`tune`: whether its paths, values and metric exist."""
+"""What may vary: variables, and the values and the metric of `tune`."""
 
 from __future__ import annotations
 
@@ -18,6 +18,19 @@ from r2bspec.language.variables import missing_step, parse_path
 
 _SECTIONS: Final[tuple[Path, ...]] = (("graph",), ("containers",), ("transport",))
 _WHOLE_SECTIONS: Final = _SECTIONS[:2]
+
+
+@rule("R2B616")
+def variable_unused(context: Context) -> Findings:
+    """Find variables that are not used."""
+    for name in context.spec.variables:
+        if name not in context.loaded.used_variables:
+            yield Finding(
+                message=f"variable {quote(name)} is not used",
+                path=("variables", name),
+                key=True,
+                help=f"use it with {quote(f'$(var {name})')}, or remove it",
+            )
 
 
 @rule("R2B809")
