@@ -106,7 +106,7 @@ class KnownMetric(LocatedRequirement, frozen=True, kw_only=True):
 def max_wrong_share(metric: KnownMetric) -> float | None:
     """Return the share of messages that may violate the bound; None if no share decides."""
     requirement, info = metric.requirement, metric.info
-    if requirement.bound is None or requirement.windows_share is not None:
+    if requirement.bound is None:
         return None
     if requirement.bound.of_baseline or requirement.op not in {"<", "<=", ">", ">="}:
         return None

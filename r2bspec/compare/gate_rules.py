@@ -330,7 +330,7 @@ def _implies(head: Requirement, base: Requirement) -> bool:
         return False
     terms = [
         (
-            *(each.metric, each.op, each.window_ns, each.windows_share),
+            *(each.metric, each.op),
             *(bound.dimension, bound.of_offered, bound.of_baseline),
         )
         for each, bound in ((head, tight), (base, loose))

@@ -45,7 +45,7 @@ from r2bspec.judge.methods import METHODS
 from r2bspec.judge.methods.mean_bound import judge_mean
 from r2bspec.judge.methods.peak_bracket import judge_peak, with_refuted_peak
 from r2bspec.judge.methods.recorded_value import judge_observation, judge_sustained
-from r2bspec.judge.methods.share_bounds import judge_percentile, judge_share, judge_windows
+from r2bspec.judge.methods.share_bounds import judge_percentile, judge_share
 from r2bspec.judge.requirement_case import (
     Decision,
     RequirementCase,
@@ -341,8 +341,6 @@ def method_of(case: RequirementCase) -> Decide:
     statistic = case.info.statistic
     if statistic in _BY_RECORD:
         return _BY_RECORD[statistic]
-    if case.in_windows:
-        return judge_windows
     return judge_observation if case.is_equality else _BY_ITERATIONS[statistic]
 
 

@@ -158,9 +158,6 @@ def _undecidable_reason(
     requirement: Requirement, info: MetricInfo, one: RequirementVerdict
 ) -> tuple[str, str] | None:
     """Return why pairs can never decide a requirement, and what to do; None if they can."""
-    if requirement.windows_share is not None:
-        reason = "A baseline is compared by whole iterations, not by windows."
-        return reason, "Remove 'in ... windows', or use an absolute bound."
     if requirement.op in {"==", "!="}:
         return "No two runs are exactly equal.", "Use <= or >= with a margin, such as 105 %."
     if info.scope is not Scope.SEARCH and one.at_hz is None:

@@ -45,11 +45,6 @@ class RequirementCase:
     confidence: float = CONFIDENCE
 
     @property
-    def in_windows(self) -> bool:
-        """Whether it must be met in a share of windows, and not in the whole run."""
-        return self.requirement.windows_share is not None
-
-    @property
     def monitor_samples(self) -> list[MonitorSamples]:
         """The samples of the monitor in each iteration; empty for a metric of no monitor."""
         if self.monitor is None:
@@ -102,11 +97,6 @@ class RequirementCase:
     def limit_text(self) -> str:
         """The limit with its unit."""
         return show(self.limit, self.info.unit)
-
-    @property
-    def metric_text(self) -> str:
-        """The comparison without monitor and windows, such as ``latency.p99 < 50 ms``."""
-        return f"{self.info.name} {self.requirement.op} {self.limit_text}"
 
     @property
     def confidence_text(self) -> str:

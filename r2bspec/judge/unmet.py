@@ -90,7 +90,7 @@ def untested(case: RequirementCase, verdict: RequirementVerdict) -> str:
     starts = len(set(case.starts))
     texts = [_burst_text(case, verdict), _tail_text(case, verdict)]
     is_passed_share = case.info.statistic == "share" and verdict.outcome == "pass"
-    if starts > 1 and not is_passed_share and not case.in_windows:
+    if starts > 1 and not is_passed_share:
         texts.append(other_starts(starts, _room(case, verdict), verdict))
     return next(filter(None, texts), "")
 
@@ -139,7 +139,7 @@ def _is_below(case: RequirementCase, verdict: RequirementVerdict) -> bool:
 
 def _few_are_over(case: RequirementCase, verdict: RequirementVerdict) -> bool:
     """Return whether the verdict says that few of what is counted are bad."""
-    of_losses = case.info.quantile is None and not case.in_windows
+    of_losses = case.info.quantile is None
     return (verdict.outcome == "pass") == (case.is_upper_bound or not of_losses)
 
 
@@ -148,8 +148,6 @@ def _room(case: RequirementCase, verdict: RequirementVerdict) -> float:
     test, below = verdict.share, _is_below(case, verdict)
     if test is None:
         return _room_of_bound(case, verdict, below=below)
-    if case.in_windows:
-        return -math.inf
     quantile = case.info.quantile
     if quantile is None:
         return room_of_losses(test.upper if below else test.lower, test.allowed, below=below)
@@ -206,7 +204,7 @@ def room_of_losses(bound: float, allowed: float, *, below: bool) -> float:
 def _burst_text(case: RequirementCase, verdict: RequirementVerdict) -> str:
     """Return how many bad messages in a row would break the limit of a PASS on counts."""
     test = verdict.share
-    if test is None or verdict.outcome != "pass" or not case.is_upper_bound or case.in_windows:
+    if test is None or verdict.outcome != "pass" or not case.is_upper_bound:
         return ""
     if decided_in_bursts(test.over, test.n, test.allowed, verdict.confidence, below=True):
         return ""

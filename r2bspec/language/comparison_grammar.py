@@ -2,10 +2,9 @@
 
 Grammar (white space between tokens is free)::
 
-    requirement = "sustained" | metric op bound [ windows ]
+    requirement = "sustained" | metric op bound
     metric      = [monitor "."] name ["." part]
     bound       = quantity | integer | share " of " ( "offered" | "baseline" )
-    windows     = "in " share " of " duration " windows"
     op          = "<" | "<=" | ">" | ">=" | "==" | "!="
     name, part, monitor = letter { letter | digit | "_" }
 
@@ -24,7 +23,7 @@ from typing import Any, ClassVar, Literal, TypeVar, dataclass_transform
 import msgspec
 
 from r2bspec.diagnostics.quote import did_you_mean, quote
-from r2bspec.language.quantities import QUANTITIES, Duration, Quantity, QuantityError, Share
+from r2bspec.language.quantities import QUANTITIES, Quantity, QuantityError, Share
 from r2bspec.safe_io.limits import MAX_REQUIREMENT_CHARACTERS
 
 _Q = TypeVar("_Q", bound=Quantity)
@@ -51,8 +50,6 @@ COMPARISONS: Mapping[Operator, Callable[[Any, Any], bool]] = {
     "==": operator.eq,
     "!=": operator.ne,
 }
-_WINDOWS_START = re.compile(r"\sin(?:\s+|$)")
-_WINDOWS_EXAMPLE = "in 99 % of 1 s windows"
 
 
 class ComparisonError(ValueError):
@@ -91,8 +88,6 @@ class Requirement:
             ``sustained``, which has neither operator nor bound.
         metric_column: offset of the metric into `text`.
         bound_column: offset of the bound into `text`.
-        windows_share: the share of windows of `window_ns` in which the comparison must be true,
-            as a fraction; None if it applies to all measurements at once.
     """
 
     kind: ClassVar[str] = "requirement"
@@ -103,8 +98,6 @@ class Requirement:
     bound: Bound | None = None
     metric_column: int = 0
     bound_column: int = 0
-    windows_share: float | None = None
-    window_ns: int = 0
 
     def __init__(self, **fields: object) -> None:
         vars(self).update(fields)
@@ -174,19 +167,13 @@ def parse_requirement(text: str) -> Requirement:
         )
         raise _operator_expected(metric, column, f"{metric} {meant} ...")
     column = _next_token_column(text, compared.end())
-    windows = _WINDOWS_START.search(text, compared.end())
-    end = windows.start() if windows is not None else len(text)
-    bound = _parse_bound(text[column:end].rstrip(), min(column, end))
-    share, window_ns = _parse_windows(text, windows.end()) if windows is not None else (None, 0)
     return Requirement(
         text=text,
         metric=metric,
         op=_operator(compared),
-        bound=bound,
+        bound=_parse_bound(text[column:].rstrip(), column),
         metric_column=metric_column,
         bound_column=column,
-        windows_share=share,
-        window_ns=window_ns,
     )
 
 
@@ -206,34 +193,6 @@ def _check_decimal_percentile(text: str, metric: str, found: re.Match[str]) -> N
         found.end() - len(name),
         meant + text[decimals.end() :],
     )
-
-
-def _parse_windows(text: str, column: int) -> tuple[float, int]:
-    """Return the part after ``in``: the share of windows, and their length in nanoseconds."""
-    matched = re.match(r"(?P<share>[^%]*%)\s*", text[column:])
-    if matched is None:
-        message = "expected a share of windows after 'in', such as 99 %"
-        raise ComparisonError(message, _next_token_column(text, column), _WINDOWS_EXAMPLE)
-    share = _parse_quantity(Share, matched["share"], column)
-    if not 0 < share.fraction <= 1:
-        message = "the share of windows must be more than 0 % and at most 100 %"
-        raise ComparisonError(message, column, _WINDOWS_EXAMPLE)
-    at = column + matched.end()
-    of = re.match(r"of\s+(?P<duration>.*?)\s*(?P<word>[A-Za-z_]*)\s*\Z", text[at:], re.DOTALL)
-    if of is None:
-        message = "expected 'of' and the length of a window after the share"
-        raise ComparisonError(message, _next_token_column(text, at), _WINDOWS_EXAMPLE)
-    start = at + of.start("duration")
-    if of["word"] not in ("window", "windows"):
-        duration = text[start:].rstrip()
-        message = "expected 'windows' at the end"
-        raise ComparisonError(message, start + len(duration), f"of {duration or '1 s'} windows")
-    length = _parse_quantity(Duration, of["duration"], start)
-    if length.ns <= 0:
-        raise ComparisonError(
-            "the length of a window must be more than zero", start, _WINDOWS_EXAMPLE
-        )
-    return share.fraction, length.ns
 
 
 def _parse_quantity(kind: type[_Q], text: str, column: int) -> _Q:

@@ -425,7 +425,7 @@ def _uncounted_outputs(document: _Document) -> Iterator[Diagnostic]:
     A timer has no path of stamps.
     """
     kinds = {
-        "own_pace": (("ratio", "taps"), "its outputs answer no input"),
+        "own_pace": (("ratio",), "its outputs answer no input"),
         "any": (("ratio",), "an input may have any number of outputs"),
     }
     for match, (keys, why) in kinds.items():

@@ -471,8 +471,6 @@ class Monitor(MonitorSettings, frozen=True, kw_only=True):
         answers: With mode timeline: the inputs that the outputs answer; only steps with all of them
             count. Default: all inputs with a path to the topic.
         ratio: How many outputs answer how many inputs.
-        taps: Whether the topics between inputs and output are monitored, too, for the latency of
-            each hop.
         process: With placement graph: the node or process that gets the monitor, if not the
             publisher's.
     """
@@ -486,7 +484,6 @@ class Monitor(MonitorSettings, frozen=True, kw_only=True):
         key(["image"]),
     ] = ()
     ratio: Ratio = Ratio()
-    taps: bool = False
     process: Annotated[names.ProcessName, key("detector")] = msgspec.field(name="in", default="")
 
 
@@ -717,7 +714,7 @@ class Objective(Record, frozen=True, kw_only=True):
         level: error fails the run; warn and info only report; off skips the objective.
         when: Apply the objective only if these variables have these values.
         confidence: The confidence of the verdict; default: that of benchmark.gate.
-        require: The requirements, optionally 'in 99 % of 1 s windows'.
+        require: The requirements.
         at_peak: Whether `at` is the highest rate that the search finds.
     """
 

@@ -212,10 +212,8 @@ def _bounds(
             yield CompletionProposal(f"{words[0]} % of baseline", "of the base version", order=30)
             if dimension == "rate":
                 yield CompletionProposal(f"{words[0]} % of offered", "of the rate played", order=31)
-    elif len(words) == 2:
-        if words[1] == "%":
-            yield CompletionProposal("of baseline", "of the base version", order=30)
-        yield CompletionProposal("in 99 % of 1 s windows", "in a share of short windows", order=40)
+    elif len(words) == 2 and words[1] == "%":
+        yield CompletionProposal("of baseline", "of the base version", order=30)
 
 
 def _units(

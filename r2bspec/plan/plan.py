@@ -266,13 +266,6 @@ class InputPlan(_Value, frozen=True, kw_only=True):
     ahead_ns: int = 0
 
 
-class TapPlan(_Value, frozen=True, kw_only=True):
-    """A topic on the path from the inputs to a monitored one, which is also recorded."""
-
-    topic: str
-    type: str
-
-
 _Ratio = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
 """One side of the ratio of inputs to outputs."""
 
@@ -285,7 +278,6 @@ class MonitorPlan(MonitorSettings, frozen=True, kw_only=True):
         answers: in a timeline, the topics of the inputs, or the recorded call, that it answers: a
             step counts for it if
             it has messages of all of them. Otherwise empty, because each step has all inputs.
-        taps: topics whose messages are also matched by stamp; in the order of the plan's topics.
     """
 
     name: str
@@ -294,7 +286,6 @@ class MonitorPlan(MonitorSettings, frozen=True, kw_only=True):
     ratio_inputs: _Ratio = 1
     ratio_outputs: _Ratio = 1
     answers: tuple[str, ...] = ()
-    taps: tuple[TapPlan, ...] = ()
 
 
 class CallPlan(_Value, frozen=True, kw_only=True):

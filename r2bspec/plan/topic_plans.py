@@ -1,11 +1,11 @@
-"""The topics of a plan: the sources of its playback inputs, its monitors, and their taps."""
+"""The topics of a plan: the sources of its playback inputs, its and monitors."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
 from r2bspec.language.spec import Monitor, MonitorSettings, PlaybackInput, Spec
-from r2bspec.plan.plan import InputPlan, MonitorPlan, TapPlan, TopicPlan
+from r2bspec.plan.plan import InputPlan, MonitorPlan, TopicPlan
 from r2bspec.plan.wiring.build_wiring import latched_qos
 from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint, Wiring
 
@@ -110,7 +110,6 @@ def plan_monitors(spec: Spec, wiring: Wiring) -> tuple[MonitorPlan, ...]:
             ratio_inputs=monitor.ratio.inputs,
             ratio_outputs=monitor.ratio.outputs,
             answers=answered_inputs(monitor, spec, wiring, calls.get(name, "")),
-            taps=_taps(monitor, wiring) if monitor.taps else (),
         )
         for name, monitor in spec.outputs.items()
     )
@@ -136,24 +135,6 @@ def answered_inputs(
         [topic for topic in inputs if topic in named]
         or [topic for topic in inputs if topic in known]
         or inputs
-    )
-
-
-def _taps(monitor: Monitor, wiring: Wiring) -> tuple[TapPlan, ...]:
-    """Return the topics of known type between the player and a monitor."""
-    phase = wiring.measure
-    topic = wiring.topic(monitor.topic)
-    played = [
-        endpoint.topic
-        for endpoint in phase.endpoints_of("player")
-        if endpoint.topic_is_key and endpoint.qos_path
-    ]
-    between = phase.downstream_of(played) & phase.upstream_of(topic)
-    return tuple(
-        TapPlan(topic=name, type=kind)
-        for name in phase.topics
-        if name in between - {topic, *played}
-        and (kind := _type((*phase.publishers(name), *phase.subscriptions(name))))
     )
 
 

@@ -21,7 +21,6 @@ import numpy as np
 
 from r2bspec.plan.canonical_json import PlanError, parse_plan
 from r2bspec.plan.plan import Plan
-from r2bspec.plan.taps import tap_name
 from r2bspec.record import sample_arrays as arrays
 from r2bspec.record.files import (
     LOCK_FILE,
@@ -181,10 +180,6 @@ class RunFolder:
             f"{_samples_of(segment)}/{_monitor_file(monitor)}", rows, arrays.MONITOR_DTYPE
         )
 
-    def write_tap(self, segment: str, topic: str, rows: arrays.Rows) -> None:
-        """Write the messages of a tap in a segment."""
-        self._write_rows(f"{_samples_of(segment)}/{_tap_file(topic)}", rows, arrays.MONITOR_DTYPE)
-
     def write_anatomy(self, segment: str, rows: arrays.Rows) -> None:
         """Write the events in the processes of the graph in a segment."""
         self._write_rows(f"{_samples_of(segment)}/{_ANATOMY}", rows, arrays.ANATOMY_DTYPE)
@@ -263,14 +258,6 @@ class Run:
             RecordError: the file is missing or damaged.
         """
         return self.segment_rows(segment, _monitor_file(name), arrays.MONITOR_DTYPE)
-
-    def tap(self, segment: Segment, topic: str) -> arrays.Rows:
-        """Return the messages of a tap in order of arrival (type `MONITOR_DTYPE`).
-
-        Raises:
-            RecordError: the file is missing or damaged.
-        """
-        return self.segment_rows(segment, _tap_file(topic), arrays.MONITOR_DTYPE)
 
     def anatomy(self, segment: Segment) -> arrays.Rows:
         """Return the events in the processes of the graph, in the order in which they began.
@@ -494,10 +481,6 @@ def _samples_of(segment: str) -> str:
 
 def _monitor_file(name: str) -> str:
     return f"monitor.{_safe_name(name)}.npy"
-
-
-def _tap_file(topic: str) -> str:
-    return f"{_safe_name(tap_name(topic))}.npy"
 
 
 def _taken(path: Path, why: str) -> FolderTakenError:

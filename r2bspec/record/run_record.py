@@ -6,8 +6,7 @@ A run folder contains::
     plan.json          the plan of the run
     record.json        a `RunRecord`: this module, written last and atomically
     result.json        metrics and verdicts, computed from all of the above
-    samples/SEGMENT/   playback.npy, monitor.NAME.npy for each monitor, and tap.TOPIC.npy for
-                       each tapped topic, with dots instead of slashes; and anatomy.npy with the
+    samples/SEGMENT/   playback.npy, monitor.NAME.npy for each monitor, and anatomy.npy with the
                        events in the processes of the graph, where they were observed from inside
     resources.npy      CPU and memory of every process over the whole run
     interference.npy   host interference over the whole run

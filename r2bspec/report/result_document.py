@@ -9,13 +9,7 @@ import msgspec
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import split_output
-from r2bspec.judge.measure.distribution import (
-    MAIN_PERCENTILES,
-    SHORT_PERCENTILES,
-    TAIL_PERCENTILE,
-    part_title,
-    part_value,
-)
+from r2bspec.judge.measure.distribution import TAIL_PERCENTILE, part_title, part_value
 from r2bspec.judge.measure.metric import SECTIONS, MetricInfo, Outputs
 from r2bspec.judge.measure.metric_catalogue import device_metric
 from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics, UseMetrics
@@ -316,7 +310,6 @@ def _measurement_blocks(report_input: ReportInput) -> Iterator[Block]:
         for section in SECTIONS:
             columns = section_metrics(section)
             yield _metric_table(f"{title}: {section}", columns, measured(metrics, name))
-        yield from _hop_table(name, title, metrics)
         rows = [*measured_iterations(metrics, name)]
         if len(rows) > 1:
             yield Fold(
@@ -378,33 +371,6 @@ def _metric_table(title: str, metrics: Sequence[MetricInfo], rows: Iterable[Meas
         for row in rows
     )
     return Table(title, columns, lines, detail=Detail.PAGE)
-
-
-def _hop_table(monitor: str, title: str, metrics: RunMetrics) -> Iterator[Table]:
-    """Yield the latency of the hops to a monitor, where it is tapped."""
-    parts = dict.fromkeys(SHORT_PERCENTILES, Detail.ALWAYS)
-    shown = {part: parts.get(part, Detail.PAGE) for part in ("mean", *MAIN_PERCENTILES, "max")}
-    rows = []
-    for row in measured(metrics, monitor):
-        for place, hop in enumerate(row.seen.hops):
-            path = f"{row.path}/hops/{place}"
-            latencies = (
-                number(part_value(hop.latency, part), "s", f"{path}/latency/{part}")
-                for part in shown
-            )
-            counts = (
-                number(getattr(hop, key), "count", f"{path}/{key}") for key in ("matched", "missed")
-            )
-            name = Cell(f"{hop.source} → {hop.target}")
-            rows.append(Row((name, Cell(row.offered), *latencies, *counts)))
-    if rows:
-        columns = (
-            Column("from → to", number=False),
-            Column("offered"),
-            *(Column(part_title(part), detail=detail) for part, detail in shown.items()),
-            *map(Column, ("matched", "missed")),
-        )
-        yield Table(f"hops to {title}", columns, tuple(rows), "percentiles do not add up")
 
 
 def _search_blocks(metrics: RunMetrics) -> Iterator[Block]:

@@ -183,16 +183,12 @@ def _value(verdict: RequirementVerdict, result: Result, *, name_monitor: bool) -
     if verdict.compared is not None:
         ratio = f"{show(verdict.estimate, 'share')}{_spaced_interval(verdict)}"
         return f"{name} {ratio} of {base_name(result) or 'the base'}, limit {limit}{at}"
-    windows = ""
-    if requirement.windows_share is not None:
-        share = show(requirement.windows_share, "share", 6)
-        windows = f" in {share} of {show(requirement.window_ns / 1e9, 's')} windows"
     if verdict.lost:
-        return f"{name} is a lost message{windows}{at}, limit {limit}"
+        return f"{name} is a lost message{at}, limit {limit}"
     if verdict.outcome == "inconclusive":
         estimate = show(verdict.estimate, verdict.unit)
-        return f"{name} {estimate}{_spaced_interval(verdict)}{windows}{at}, limit {limit}"
-    return f"{name} {_relation(verdict, requirement)}{windows}{at}"
+        return f"{name} {estimate}{_spaced_interval(verdict)}{at}, limit {limit}"
+    return f"{name} {_relation(verdict, requirement)}{at}"
 
 
 def _relation(verdict: RequirementVerdict, requirement: Requirement) -> str:

@@ -60,7 +60,7 @@ def test_player_and_monitors_run_where_their_topics_are(bench: Bench) -> None:
     )
     monitors = {
         "middle": {"topic": "middle", "format": IMAGE},
-        "out": {"topic": "output", "format": IMAGE, "taps": True},
+        "out": {"topic": "output", "format": IMAGE},
     }
     graph = {"nodes": {"first": first, "second": second}}
     done = bench.run(relay_spec(harness=GRAPH, graph=graph, monitors=monitors))

@@ -1,4 +1,4 @@
-"""Ways through a graph: hops at taps, several messages to one and one to several, odd answers.
+"""Ways through a graph: several messages to one and one to several, odd answers.
 
 One run of nodes that each do their own thing to the messages, with a monitor for each.
 """
@@ -12,7 +12,6 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.judge.measure.matching import match
 from ros_runs import IMAGE, Bench, Finished, quick_input, relay_node, relay_spec
 from ros_runs import bench as bench
 
@@ -99,7 +98,7 @@ class Synchronises(Odd):
 
 
 def spec() -> dict[str, Any]:
-    """A chain that is tapped, and five nodes beside it."""
+    """A chain, and five nodes beside it."""
     kinds = ("TwoForThree", "Swaps", "Dawdles", "Procrastinates", "Synchronises")
     odd = {
         kind.lower(): {"python": f"./nodes.py:{kind}", "remappings": {"output": kind.lower()}}
@@ -122,7 +121,7 @@ def spec() -> dict[str, Any]:
             },
         },
         monitors={
-            "chain": {"topic": "last", "format": IMAGE, "taps": True},
+            "chain": {"topic": "last", "format": IMAGE},
             **{name: {"topic": name, "format": types.get(name, IMAGE)} for name in odd},
         },
     )
@@ -149,29 +148,6 @@ def done(bench: Bench) -> Finished:
 
 
 ALL = ITERATIONS * STEPS
-
-
-def test_every_hop_of_a_tapped_way_has_its_latency(done: Finished) -> None:
-    chain = done.monitor("chain")
-    assert chain["answered"] == ALL
-    hops = chain["hops"]
-    assert [(hop["source"], hop["target"]) for hop in hops] == [
-        ("player", "/r2b/between"),
-        ("/r2b/between", "/r2b/more"),
-        ("/r2b/more", "/r2b/last"),
-    ]
-    assert [(hop["matched"], hop["missed"]) for hop in hops] == [(ALL, 0)] * 3
-    means = [hop["latency"]["mean"] for hop in hops]
-    # Each relay works for a millisecond; what is shared out is the whole, and nothing else.
-    assert sum(means) == pytest.approx(chain["latency"]["mean"])
-    assert min(means) > 0.001
-
-
-def test_the_samples_of_taps_are_kept(done: Finished) -> None:
-    run = done.run()
-    segment = next(each for each in run.record.segments if each.kind == "iteration")
-    rows = run.tap(segment, "/r2b/between")
-    assert match(run.playback(segment), rows, "stamp").missed == 0
 
 
 def test_answers_that_are_fewer_or_more_than_inputs_are_counted_by_their_ratio(

@@ -262,11 +262,6 @@ RARE_WORLDS: dict[str, StartWorld] = {
 }
 """Worlds in which a run of five starts may not meet what decides."""
 
-WINDOWS = "90 % of 1 s windows"
-_WINDOW = 30
-"""Messages of a window."""
-_WINDOW_SHARE = 0.9
-
 QUANTITIES = ("p50", "p99", "drop rate 1 %", "mean, throughput")
 
 
@@ -286,11 +281,6 @@ def outcome(
     if quantity == "mean, throughput":
         found = hierarchical_interval(values.mean(axis=1).tolist(), starts, level)
         return int(found.interval.upper < limit) - int(found.interval.lower >= limit)
-    if quantity == WINDOWS:
-        test = ShareLimit(round(1 - _WINDOW_SHARE, 12), confidence, level)
-        ranked = RankedMessages(list(window_means(values)), starts, test)
-        interval = percentile_interval(ranked, _WINDOW_SHARE)
-        return int(interval.upper < limit) - int(interval.lower >= limit)
     allowed = round(1 - QUANTILES.get(quantity, 0.99), 12)
     if quantity == "drop rate 1 %":
         return share_outcome(values > limit, allowed, confidence, starts)
@@ -300,20 +290,10 @@ def outcome(
 _TRUTH_RUNS = size(400, 4000)
 
 
-def window_means(values: Values) -> Values:
-    """The mean of each window, shape (iterations, windows): as throughput, a rate of its own."""
-    return np.asarray(values.reshape(len(values), -1, _WINDOW).mean(axis=2))
-
-
 def limit_of(world: StartWorld, quantity: str) -> float:
     """The truth."""
     if quantity == "mean, throughput":
         return world.mean
-    if quantity == WINDOWS:
-        # Windows have no closed form in all worlds: the truth is that of many runs.
-        random = np.random.default_rng(99)
-        means = [window_means(world.run(random, DEFAULT)) for _ in range(_TRUTH_RUNS)]
-        return float(np.quantile(np.concatenate(means), _WINDOW_SHARE))
     return world.quantile(QUANTILES.get(quantity, 0.99))
 
 

@@ -31,9 +31,7 @@ def bounds(metric: str) -> list[str]:
 @pytest.mark.parametrize("metric", sampled(OF_MONITOR, 3))
 def test_a_graph_that_answers_nothing(metric: str) -> None:
     for requirement in bounds(metric):
-        for suffix in ("", " in 50 % of 1 s windows"):
-            found = judged(np.full((2, 60), np.nan), requirement + suffix)
-            assert found.outcome == "fail"
+        assert judged(np.full((2, 60), np.nan), requirement).outcome == "fail"
 
 
 @pytest.mark.parametrize("metric", sampled(OF_MONITOR, 3))
@@ -61,7 +59,6 @@ def test_a_node_that_crashes_halfway(share: float) -> None:
         "drop_rate <= 1 %",
         "missed == 0",
         "latency.max < 1 s",
-        "latency.p90 < 60 ms in 99 % of 1 s windows",
     ):
         assert judged(latency, requirement).outcome != "fail"
         assert judged(crashed, requirement).outcome != "pass"

@@ -102,10 +102,6 @@ DOCUMENT: dict[str, Any] = {
         "headroom": {"require": ["peak.rate >= 40 Hz"]},
         "relative": {"at": "10 Hz", "require": ["out.latency.p50 <= 105 % of baseline"]},
         "steady": {"at": "10 Hz", "require": ["throughput.mean >= 97 % of offered"]},
-        "windowed": {
-            "at": "30 Hz",
-            "require": ["out.latency.p90 < 60 ms in 99 % of 1 s windows"],
-        },
     },
 }
 """Every key that a gate has, with a value that can become weaker and stronger."""

@@ -20,7 +20,6 @@ from r2bspec.ipc.arrivals import step_times_ns
 from r2bspec.judge.measure.host_usage import HostInterference, ProcessSamples
 from r2bspec.judge.measure.matching import MatchedMonitor, Matching
 from r2bspec.judge.measure.run_samples import (
-    NO_STAMPS,
     HostSamples,
     SegmentRows,
     run_samples,
@@ -190,13 +189,13 @@ class Simulation:
             playback = playback_rows(played, start_ns)
             rows = monitor_rows(played, playback)
             monitors = {name: rows[:0] if name in played.silent else rows for name in self.monitors}
-            earlier = [NO_STAMPS, *(rows.playback["stamp_ns"] for _, rows in found)]
+            earlier = [np.empty(0, np.int64), *(rows.playback["stamp_ns"] for _, rows in found)]
             played_earlier = partial(np.isin, test_elements=np.concatenate(earlier))
             work = work_of_steps(self._work(segment, playback.size), [*self.cpu], playback.size)
             found.append(
                 (
                     segment,
-                    SegmentRows(playback, monitors, {}, played_earlier=played_earlier, work=work),
+                    SegmentRows(playback, monitors, played_earlier=played_earlier, work=work),
                 )
             )
         return found

@@ -74,7 +74,7 @@ def bound_contradiction(context: Context) -> Findings:
     before: dict[tuple[object, ...], list[tuple[KnownMetric, _Limit, _Limit]]] = {}
     for metric in context.known_metrics:
         bound = metric.requirement.bound
-        if bound is None or metric.requirement.windows_share is not None:
+        if bound is None:
             continue
         relative = (bound.of_offered, bound.of_baseline, bound.dimension)
         key = (metric.role, metric.at, metric.monitor, metric.info.name, relative)
@@ -100,7 +100,7 @@ def bound_backwards(context: Context) -> Findings:
     """Find bounds that pass a metric which got worse, or that no graph can be shown to meet."""
     for metric in context.known_metrics:
         requirement, bound = metric.requirement, metric.requirement.bound
-        if bound is None or requirement.windows_share is not None:
+        if bound is None:
             continue
         at_least, more_is_better = requirement.op in {">", ">="}, metric.info.metric.more_is_better
         name, written = quote(metric.info.name), f"{100 * bound.value:g} %"

@@ -150,8 +150,6 @@ def arrivals_without_period(context: Context) -> Findings:
         family = metric.info.metric.name
         if metric.info.statistic == "sequential":
             why = "is probed at equal intervals"
-        elif family == "throughput" and metric.requirement.windows_share is not None:
-            why = "of a window is what was offered in it"
         elif family in {"interval", "jitter"}:
             why = "is mostly that of the arrivals"
         else:

@@ -36,7 +36,6 @@ from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.native.build import join_environment
 from r2bspec.plan.command_lines import NATIVE_ARGV
 from r2bspec.plan.plan import JoinPlan, MonitorPlan, Plan, ProcessPlan
-from r2bspec.plan.taps import tap_monitors
 
 _MAX_SOCKET_PATH: Final = 107
 _BACKLOG: Final = 64
@@ -418,10 +417,9 @@ class GraphHarness:
 
     def __post_init__(self) -> None:
         self._plans = {monitor.name: monitor for monitor in self.plan.monitors}
-        self._taps = tap_monitors(self.plan.monitors)
 
     def configure(self, child: ManagedProcess, plan: ProcessPlan) -> None:
-        """Configure the parts of one process; the taps run with the first monitor.
+        """Configure the parts of one process.
 
         Raises:
             RunError: a part does not respond, or exited.
@@ -430,9 +428,8 @@ class GraphHarness:
             self.player = child.parts["player"]
             self.configure_player(self.player)
         if "monitor" in child.parts and plan.join is not None:
-            taps: Iterable[MonitorPlan] = () if self._monitors else self._taps
             monitor = child.parts["monitor"]
-            watched = (*(self._plans[name] for name in plan.join.monitors), *taps)
+            watched = tuple(self._plans[name] for name in plan.join.monitors)
             rows_dir = str(self._folder_of(watched))
             settings = protocol.ConfigureMonitor(monitors=watched, rows_dir=rows_dir)
             self.launcher.configure(monitor, settings)

@@ -23,7 +23,6 @@ from r2bspec.ipc.protocol import Endpoint, QosMismatch, weakest_offer
 from r2bspec.ipc.sample_files import ArrivalReader, RowReader
 from r2bspec.middleware.middleware import RMW_VARIABLE, middleware_of
 from r2bspec.plan.plan import HARNESS_PARTS, MonitorPlan, Plan, TopicPlan
-from r2bspec.plan.taps import all_taps
 from r2bspec.plan.wiring.name_resolution import NODE_TOPICS
 from r2bspec.record.sample_arrays import MONITOR_FIELDS
 
@@ -357,7 +356,6 @@ def guarded_topics(plan: Plan) -> tuple[str, ...]:
         return ()
     topics = [source.topic for source in plan.inputs]
     topics += [monitor.topic for monitor in plan.topic_monitors]
-    topics += [tap.topic for tap in all_taps(plan.monitors)]
     return tuple(dict.fromkeys(topics))
 
 

@@ -40,10 +40,9 @@ from r2bspec.ipc.playback_file import PlaybackReader
 from r2bspec.ipc.sample_files import ArrivalReader, RowReader, StallLogReader, read_clocks
 from r2bspec.ipc.schedule import CyclicSchedule, Schedule, Turns
 from r2bspec.judge.measure.matching import StepStamps
-from r2bspec.judge.measure.run_samples import NO_STAMPS, SegmentRows, segment_samples, work_of_steps
+from r2bspec.judge.measure.run_samples import SegmentRows, segment_samples, work_of_steps
 from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.plan.plan import MonitorPlan, Plan
-from r2bspec.plan.taps import tap_monitors
 from r2bspec.record.run_record import Segment, SegmentKind
 from r2bspec.record.sample_arrays import (
     MONITOR_FIELDS,
@@ -136,10 +135,6 @@ class SegmentPlayer:
         self._monitors = {
             plan.name: ArrivalReader(rows_dir / f"{plan.name}.rows", MONITOR_FIELDS)
             for plan in monitors
-        }
-        self._taps = {
-            tap.topic: ArrivalReader(rows_dir / f"{tap.name}.rows", MONITOR_FIELDS)
-            for tap in tap_monitors(monitors)
         }
         # Rows written before this point were played before the graph was started.
         self._initial_count = self._playback.count()
@@ -269,7 +264,7 @@ class SegmentPlayer:
         for name, rows in self._monitors.items():
             stamps = np.unique(rows.read(self._next_rows.get(name, 0))["stamp_ns"])
             late[name] = int(np.count_nonzero(np.isin(stamps, earlier)))
-        self._next_rows = self._counts() | {name: rows.count() for name, rows in self._taps.items()}
+        self._next_rows = self._counts()
         return late
 
     def _detect_stopped_outputs(self, kind: SegmentKind, observation: SegmentObservation) -> None:
@@ -322,7 +317,7 @@ class SegmentPlayer:
 
         Messages that arrived after the end of the last segment belong to the next one.
         """
-        return {name: self._next_rows.get(name, 0) for name in (*self._monitors, *self._taps)} | {
+        return {name: self._next_rows.get(name, 0) for name in self._monitors} | {
             "": self._playback.count()
         }
 
@@ -498,12 +493,6 @@ class SegmentPlayer:
             **fields,
         )
         folder = self._context.folder
-        taps = {
-            topic: self._step_stamps.replace(
-                reader.read(first[topic]), observation.playback, first[""]
-            )
-            for topic, reader in self._taps.items()
-        }
         self._step_stamps.remember(observation.playback, first[""])
         folder.write_playback(segment.id, observation.playback)
         work = np.empty(0, WORK_DTYPE)
@@ -513,9 +502,6 @@ class SegmentPlayer:
         for name, rows in observation.monitors.items():
             folder.write_monitor(segment.id, name, rows)
             self._next_rows[name] = first[name] + rows.size
-        for topic, rows in taps.items():
-            folder.write_tap(segment.id, topic, rows)
-            self._next_rows[topic] = first[topic] + rows.size
         observed = None
         if self._anatomy is not None and segment.kind in _OBSERVED_KINDS:
             observed = self._anatomy.store(segment, time.monotonic_ns(), folder)
@@ -524,7 +510,6 @@ class SegmentPlayer:
             rows_of = SegmentRows(
                 observation.playback,
                 observation.monitors,
-                taps,
                 lambda found: np.isin(found, earlier),
                 observed,
                 work_of_steps(
@@ -543,7 +528,7 @@ class SegmentPlayer:
         self._context.on_segment()
 
     def _earlier_stamps(self) -> NDArray[np.int64]:
-        return np.concatenate(self._stamps) if self._stamps else NO_STAMPS
+        return np.concatenate(self._stamps) if self._stamps else np.empty(0, np.int64)
 
 
 _POLL_S = 0.25

@@ -73,7 +73,6 @@ from r2bspec.judge.measure.samples import SegmentSamples
 from r2bspec.judge.rate_decision import load_scipy
 from r2bspec.native.build import harness_library, join_object
 from r2bspec.plan.plan import GRAPH_ROLES, InputPlan, Plan, ProcessPlan
-from r2bspec.plan.taps import all_taps, tap_monitors
 from r2bspec.record import run_record
 
 _WARM_UP_HZ = 30.0
@@ -288,7 +287,7 @@ class Start:
         launcher.start_early(self._node_processes(), message_packages(plan))
         player = self._parts.start("player") if plan.inputs or plan.called else None
         monitor = self._parts.start("monitor")
-        monitors = (*plan.topic_monitors, *tap_monitors(plan.monitors))
+        monitors = plan.topic_monitors
         settings = protocol.ConfigureMonitor(monitors=monitors, rows_dir=str(self.rows_dir))
         if player is not None and plan.called and not plan.inputs:
             launcher.configure_all([(player, self._call_settings()), (monitor, settings)])
@@ -439,14 +438,13 @@ class Start:
     ) -> None:
         """Create the subscriptions of the monitor, after the nodes; wait until all are matched."""
         plan, supervisor = self._plan, self._supervisor
-        monitors = (*plan.topic_monitors, *tap_monitors(plan.monitors))
+        monitors = plan.topic_monitors
         subscriptions = MonitorSubscriptions(supervisor, monitor, monitors)
         self._launcher.wait_for_observer(observer)
         subscriptions.update()
         if plan.external:
             readiness.wait_for_external(plan, supervisor, deadline)
         watched = [watch.topic for watch in plan.topic_monitors]
-        watched += [tap.topic for tap in all_taps(plan.monitors)]
         expected = {monitor: dict.fromkeys(watched, 1)}
         caller = self._start_caller(player) if player is not None and plan.called else None
         if caller is not None:

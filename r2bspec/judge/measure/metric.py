@@ -130,7 +130,6 @@ class Metric(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         level: what is compared between iterations, as words; empty if nothing is.
         more_is_better: as for a rate.
         zero_is_ordinary: whether 0, as of a share, is no sign that nothing arrived.
-        empty_window: its value in a window without messages, from the length of that in seconds.
         required: whether a requirement can name it; others are only reported.
         title: heads its columns, before the part; the name, if empty.
         columns: the parts in the table of a monitor, in reports of every kind; the empty part
@@ -170,7 +169,6 @@ class Metric(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     level: str = ""
     more_is_better: bool = False
     zero_is_ordinary: bool = False
-    empty_window: Callable[[float], float] | None = None
     required: bool = True
     title: str = ""
     columns: tuple[str, ...] = ()
@@ -190,12 +188,6 @@ class Metric(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def has_percentiles(self) -> bool:
         """Whether a requirement can name every percentile."""
         return any(quantile(part) is not None for part in self.parts)
-
-    @property
-    def in_windows(self) -> bool:
-        """Whether it has a value in a window of an iteration."""
-        of_messages = self.dimension in {"time", "rate"} or self.counts_losses
-        return self.scope is Scope.MONITOR and of_messages
 
     @property
     def infos(self) -> tuple[MetricInfo, ...]:

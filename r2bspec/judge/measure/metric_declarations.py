@@ -50,7 +50,6 @@ _ONE: Final = ("",)
     by_turns=True,
     level="the interval between outputs",
     more_is_better=True,
-    empty_window=lambda _: 0.0,
     title="throughput",
     columns=("mean",),
     section="messages",
@@ -164,7 +163,6 @@ def age(seen: MonitorSamples) -> Seconds:
     at_own_pace=True,
     live=True,
     level="the interval between outputs",
-    empty_window=lambda window_s: window_s,
     title="interval",
 )
 def interval(seen: MonitorSamples) -> Seconds:

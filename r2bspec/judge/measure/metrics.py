@@ -21,25 +21,9 @@ from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, monitor_metrics
 from r2bspec.judge.measure.metric_declarations import DECLARED
 from r2bspec.judge.measure.metric_values import metric_value
 from r2bspec.judge.measure.sample_table import MonitorSamples
-from r2bspec.judge.measure.samples import HopSamples, RunSamples, SegmentSamples, pool_segments
+from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, pool_segments
 from r2bspec.judge.measure.times import Seconds, rank
 from r2bspec.record.run_record import Probe, SearchRecord
-
-
-class HopMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """A hop of the path to a monitor: from one topic to the next, or from the player to the first.
-
-    Of the messages received at `source`, `matched` were received at `target`, too, with the same
-    stamp, and `missed` were not. `latency` is from reception at `source` to reception at `target`;
-    from the player, it is from publication.
-    """
-
-    source: str
-    target: str
-    matched: int
-    missed: int
-    latency: Distribution
-
 
 MetricValue = Distribution | int | float | None
 """The distribution of the values of single messages, or one value; None is unknown."""
@@ -55,12 +39,10 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
         fitting_match: the ratio or the match that fits the outputs where those of the monitor do
             not, as a sentence; else empty.
         unknown_latency: why there is no latency though there are answers; empty if there is one.
-        hops: the path of the messages, where it is tapped.
     """
 
     values: dict[str, MetricValue]
     unknown_latency: str = ""
-    hops: tuple[HopMetrics, ...] = ()
     own_period_s: float | None = None
     fitting_match: str = ""
 
@@ -262,11 +244,7 @@ def measure_segment(samples: SegmentSamples, *, pooled: bool = False) -> Segment
             lateness=distribution(played.lateness),
         ),
         monitors={
-            name: _monitor(
-                seen,
-                samples.hops.get(name, ()),
-                seen.fitting_match if pooled and not seen.own_period_s else "",
-            )
+            name: _monitor(seen, seen.fitting_match if pooled and not seen.own_period_s else "")
             for name, seen in samples.monitors.items()
         },
         processes={
@@ -330,9 +308,7 @@ def _spread(iterations: Sequence[SegmentMetrics], monitor: str) -> dict[str, Spr
     return found
 
 
-def _monitor(
-    seen: MonitorSamples, hops: Sequence[HopSamples], fitting_match: str
-) -> MonitorMetrics:
+def _monitor(seen: MonitorSamples, fitting_match: str) -> MonitorMetrics:
     values: dict[str, MetricValue] = {}
     for metric in DECLARED:
         if metric.scope is not Scope.MONITOR or not seen.reports(metric):
@@ -349,17 +325,6 @@ def _monitor(
         own_period_s=seen.own_period_s,
         fitting_match=fitting_match,
         unknown_latency=seen.unknown_latency,
-        hops=tuple(map(_hop, hops)),
-    )
-
-
-def _hop(hop: HopSamples) -> HopMetrics:
-    return HopMetrics(
-        source=hop.source,
-        target=hop.target,
-        matched=int(hop.times.size),
-        missed=hop.missed,
-        latency=distribution(hop.times),
     )
 
 

@@ -1,14 +1,4 @@
-"""The samples of a run, from its rows: read from a run folder, or kept by a run in progress.
-
-The latency of a graph is split into that of its hops by the taps. A message is identified at every
-tap by its header stamp. With t_A(s) the time at which the message of step s was received at A, the
-latency of the hop from A to B is
-
-    t_B(s) - t_A(s)
-
-for every step received at both. For the player, t(s) is when publishing of the step began. Means of
-successive hops add up to the mean of the whole path, for the same steps; percentiles do not.
-"""
+"""The samples of a run, from its rows: read from a run folder, or kept by a run in progress."""
 
 from __future__ import annotations
 
@@ -31,7 +21,6 @@ from r2bspec.judge.measure.host_usage import (
     total_use,
 )
 from r2bspec.judge.measure.matching import (
-    NO_MATCH,
     MatchedMonitor,
     Matching,
     live_steps,
@@ -42,10 +31,9 @@ from r2bspec.judge.measure.matching import (
 from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, Subjects
 from r2bspec.judge.measure.observed_runs import ObservedRows, observed_values
 from r2bspec.judge.measure.sample_table import PlayedEarlier, live_samples, monitor_samples
-from r2bspec.judge.measure.samples import HopSamples, RunSamples, SegmentSamples, playback_samples
-from r2bspec.judge.measure.times import Seconds, seconds
+from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, playback_samples
+from r2bspec.judge.measure.times import Seconds
 from r2bspec.plan.plan import GRAPH_ROLES, MonitorPlan, Plan
-from r2bspec.plan.taps import PLAYER, hops_to
 from r2bspec.record.comparison_folder import MergedRun, prefixed_id
 from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import Run
@@ -55,8 +43,6 @@ from r2bspec.safe_io.limits import MAX_PROCESS_WINDOWS
 
 _HARNESS_ROLES = ("player", "monitor", "harness", "observer")
 
-NO_STAMPS: NDArray[np.int64] = np.empty(0, np.int64)
-
 
 @dataclass(frozen=True)
 class SegmentRows:
@@ -65,7 +51,6 @@ class SegmentRows:
     Attributes:
         playback: rows of type `PLAYBACK_DTYPE`, one per step.
         monitors: rows of type `MONITOR_DTYPE` of each monitor, by name.
-        taps: rows of type `MONITOR_DTYPE` of each tap, by topic.
         played_earlier: which of some stamps are those of steps of earlier segments; called only
             where messages arrived that match no step of this one.
         anatomy: what was observed from inside; None if nothing was.
@@ -74,7 +59,6 @@ class SegmentRows:
 
     playback: Rows
     monitors: Mapping[str, Rows]
-    taps: Mapping[str, Rows]
     played_earlier: PlayedEarlier = lambda stamps: np.zeros(stamps.size, np.bool_)
     anatomy: ObservedRows | None = None
     work: Mapping[str, Seconds] = field(default_factory=dict)
@@ -221,7 +205,6 @@ def _read_rows(run: Run, segment: Segment, played: _PlayedStamps) -> SegmentRows
     Raises:
         RecordError: a file of the segment is missing or damaged.
     """
-    taps = dict.fromkeys(tap.topic for monitor in run.plan.monitors for tap in monitor.taps)
     playback = run.playback(segment)
     processes = [process.name for process in run.record.processes]
     return SegmentRows(
@@ -229,7 +212,6 @@ def _read_rows(run: Run, segment: Segment, played: _PlayedStamps) -> SegmentRows
         monitors={
             monitor.name: run.monitor(segment, monitor.name) for monitor in run.plan.monitors
         },
-        taps={} if segment.live else {topic: run.tap(segment, topic) for topic in taps},
         anatomy=_observed_rows(run, segment) if run.plan.anatomy else None,
         work=work_of_steps(run.work(segment), processes, int(playback.size)),
         played_earlier=partial(played.before, segment.began_ns),
@@ -304,7 +286,7 @@ def segment_samples(
         matched: the match of each monitor, where the caller has it already.
     """
     matched = matched or match_monitors(plan, segment, rows.playback, rows.monitors)
-    monitors, hops = {}, {}
+    monitors = {}
     for monitor in plan.monitors:
         name = monitor.name
         if segment.live:
@@ -312,15 +294,12 @@ def segment_samples(
             continue
         earlier = rows.played_earlier if monitor.match in {"stamp", "any"} else None
         monitors[name] = monitor_samples(segment, matched[name], earlier)
-        if monitor.taps:
-            hops[name] = _hops_of(plan, rows, monitor, matched[name])
     observed = rows.anatomy
     joined = observed.joined(plan, segment) if observed is not None else None
     return SegmentSamples(
         segment=segment,
         playback=playback_samples(rows.playback),
         monitors=monitors,
-        hops=hops,
         anatomy=observed_values(joined) if joined else {},
         summary=summarised(joined, segment, observed.record, plan) if joined and observed else None,
         processes={},
@@ -347,15 +326,6 @@ def work_of_steps(rows: Rows, processes: Sequence[str], steps: int) -> dict[str,
     if named:
         named[WHOLE_GRAPH] = np.sum(list(named.values()), axis=0)
     return named
-
-
-def _hops_of(
-    plan: Plan, rows: SegmentRows, monitor: MonitorPlan, matched: MatchedMonitor
-) -> tuple[HopSamples, ...]:
-    taps = {tap.topic: rows.taps[tap.topic] for tap in monitor.taps}
-    hops = hop_samples(plan, monitor, matched.steps, taps, matched.rows, matched.matching)
-    known = matched.matching.pairs_known
-    return tuple(hop for hop in hops if known or hop.target != monitor.topic)
 
 
 def _host_samples(record: RunRecord, plan: Plan, host: HostSamples) -> Mapping[str, dict[str, Any]]:
@@ -496,63 +466,3 @@ def run_samples(
         # The segments at the peak are then played at the peak of the first session.
         second = replace(second, peak_hz=first.peak_hz)
     return replace(first, confirmation=second)
-
-
-def hop_samples(
-    plan: Plan,
-    monitor: MonitorPlan,
-    playback: Rows,
-    taps: Mapping[str, Rows],
-    seen: Rows,
-    matched: Matching,
-) -> tuple[HopSamples, ...]:
-    """Return the hops of the path to a monitor in a segment.
-
-    A tap whose messages have no header is left out, and its two hops are merged.
-
-    Args:
-        plan: of the run.
-        monitor: the monitor; without taps there are no hops.
-        playback: rows of type `PLAYBACK_DTYPE`.
-        taps: rows of type `MONITOR_DTYPE` of each tap, by topic.
-        seen: rows of type `MONITOR_DTYPE` of the monitor itself.
-        matched: how these match.
-    """
-    if not monitor.taps:
-        return ()
-    unstamped = [name for name, rows in taps.items() if rows.size and not rows["stamp_ns"].any()]
-    times = {
-        name: _received_by_step(playback.size, rows, match(playback, rows, "stamp"))
-        for name, rows in taps.items()
-    }
-    times[PLAYER] = playback["published_ns"]
-    times[monitor.topic] = _received_by_step(playback.size, seen, matched)
-    waited = np.zeros(playback.size, dtype=np.bool_)
-    waited[matched.trigger_steps] = True
-    everything = np.ones(playback.size, dtype=np.bool_)
-    return tuple(
-        _hop(source, target, times, waited if target == monitor.topic else everything)
-        for source, target in hops_to(plan, monitor, unstamped)
-    )
-
-
-def _received_by_step(steps: int, rows: Rows, matched: Matching) -> NDArray[np.int64]:
-    """When the message of each step was first received; shape (steps,)."""
-    received = np.full(steps, NO_MATCH, dtype=np.int64)
-    answered = np.flatnonzero(matched.answered)[::-1]  # the first of several is written last
-    received[matched.trigger_steps[answered]] = rows["received_ns"][matched.first_row[answered]]
-    return received
-
-
-def _hop(
-    source: str, target: str, times: Mapping[str, NDArray[np.int64]], waited: NDArray[np.bool_]
-) -> HopSamples:
-    there, here = times[source], times[target]
-    seen = (there != NO_MATCH) & waited
-    both = seen & (here != NO_MATCH)
-    return HopSamples(
-        source=source,
-        target=target,
-        times=seconds(here[both] - there[both]),
-        missed=int(np.count_nonzero(seen) - np.count_nonzero(both)),
-    )

@@ -163,10 +163,6 @@ class MonitorSamples:
             samples[0], rows=rows, spans=tuple(span for sample in samples for span in sample.spans)
         )
 
-    def part(self, expected: slice, span: Span) -> MonitorSamples:
-        """Return a part of the expected outputs of one span; other messages belong to no part."""
-        return replace(self, rows=self.outputs[expected], spans=(span,))
-
     def with_outputs(self, received_ns: NDArray[np.int64], throughput_hz: float) -> MonitorSamples:
         """Return the samples of one span with other times of reception of the expected outputs.
 

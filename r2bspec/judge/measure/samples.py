@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -24,36 +24,6 @@ from r2bspec.record.sample_arrays import Rows
 
 if TYPE_CHECKING:
     from r2bspec.judge.measure.anatomy_summary import AnatomySummary
-
-
-@dataclass(frozen=True)
-class HopSamples:
-    """A hop: its latency in seconds, in order, for each step received at both ends.
-
-    `missed` steps were received at `source` and not at `target`.
-    """
-
-    source: str
-    target: str
-    times: Seconds
-    missed: int
-
-
-def pool_hops(iterations: Sequence[Iterable[HopSamples]]) -> tuple[HopSamples, ...]:
-    """Return each hop over several iterations: messages pooled, counts added."""
-    found: dict[tuple[str, str], list[HopSamples]] = {}
-    for hops in iterations:
-        for hop in hops:
-            found.setdefault((hop.source, hop.target), []).append(hop)
-    return tuple(
-        HopSamples(
-            source=source,
-            target=target,
-            times=np.concatenate([hop.times for hop in hops]),
-            missed=sum(hop.missed for hop in hops),
-        )
-        for (source, target), hops in found.items()
-    )
 
 
 def known_latencies(seen: Sequence[MonitorSamples]) -> Seconds:
@@ -85,7 +55,6 @@ class SegmentSamples:
 
     Attributes:
         graph: what the processes of the graph used together.
-        hops: the path to each monitor that is tapped.
         work: the processor time of each step, of each process of the graph and of ``graph``; NaN
             where it is unknown, as of the last step.
         anatomy: what was observed from inside of each node and topic, by its name and the family of
@@ -104,7 +73,6 @@ class SegmentSamples:
     anatomy: Mapping[str, Seconds] = field(default_factory=dict)
     summary: AnatomySummary | None = None
     graph: ResourceUse | None = None
-    hops: Mapping[str, tuple[HopSamples, ...]] = field(default_factory=dict)
     work: Mapping[str, Seconds] = field(default_factory=dict)
     devices: Mapping[str, DeviceUse] = field(default_factory=dict)
 
@@ -224,9 +192,6 @@ def pool_segments(samples: Sequence[SegmentSamples]) -> SegmentSamples:
         monitors={
             name: MonitorSamples.joined([sample.monitors[name] for sample in samples])
             for name in samples[0].monitors
-        },
-        hops={
-            name: pool_hops([sample.hops[name] for sample in samples]) for name in samples[0].hops
         },
         processes={name: use for name, use in used.items() if use is not None},
         machine=pool_resource_use(sample.machine for sample in samples),

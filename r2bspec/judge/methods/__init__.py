@@ -11,7 +11,6 @@ from typing import Final, Literal
 
 Method = Literal[
     "exact binomial",
-    "binomial over windows",
     "t over iterations",
     "paired t on logs",
     "trimmed t by turns",
@@ -30,17 +29,14 @@ class MethodTraits:
     Attributes:
         grows: whether more iterations can help it to a decision.
         rests_on: what has to be measured again to confirm its FAIL.
-        counts: what it counts, where it tests a share.
     """
 
     grows: bool = False
     rests_on: Literal["iterations", "search", "probes"] = "iterations"
-    counts: Literal["messages", "windows"] = "messages"
 
 
 METHODS: Final[dict[Method, MethodTraits]] = {
     "exact binomial": MethodTraits(grows=True),
-    "binomial over windows": MethodTraits(grows=True, counts="windows"),
     "t over iterations": MethodTraits(grows=True),
     "paired t on logs": MethodTraits(grows=True),
     "trimmed t by turns": MethodTraits(grows=True),

@@ -32,7 +32,6 @@ from r2bspec.judge.measure.metric import Scope
 from r2bspec.judge.measure.metric_values import metric_value, time_value
 from r2bspec.judge.measure.samples import pool_segments
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.methods.share_bounds import counted_noun
 from r2bspec.judge.requirement_case import Decision, RequirementCase, undecided, unmeasured
 from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import Outcome
@@ -93,7 +92,7 @@ def _reason(case: RequirementCase, seen: float, n: int, rule: float | None) -> s
         return f"{what}."
     return (
         f"{what}. This is an observation, not a proof: at {case.confidence_text} up to "
-        f"{show(rule, 'share', 2)} of {counted_noun(case)} may still break the limit."
+        f"{show(rule, 'share', 2)} of {case.info.metric.noun} may still break the limit."
     )
 
 
@@ -104,7 +103,7 @@ def _observation_text(case: RequirementCase, seen: float, n: int) -> str:
         if math.isinf(seen):
             missed = sum(monitor_sample.missed for monitor_sample in case.monitor_samples)
             return f"{show(missed, 'count')} of {show(n, 'count')} outputs never arrived"
-        of = f"{show(n, 'count')} {counted_noun(case)}"
+        of = f"{show(n, 'count')} {info.metric.noun}"
         if not info.scope.of_messages:
             of = f"{n} iteration{'s' if n > 1 else ''}"
         return f"The {extreme} in {of} is {show(seen, info.unit)}"

@@ -161,11 +161,8 @@ def test_by_order_one_lost_message_makes_the_latency_unknown(tmp_path: Path, met
     assert order == ("Outputs are matched by order: a lost output and a duplicate cancel out.")
 
 
-@pytest.mark.parametrize(
-    "required", ["latency.max < 1 s", "latency.p50 < 1 s in 90 % of 1 s windows"]
-)
-def test_nor_do_other_methods_judge_an_unknown_latency(tmp_path: Path, required: str) -> None:
-    run = by_order(required, latency=lossy(1)).write(tmp_path / "run")
+def test_nor_does_an_observation_judge_an_unknown_latency(tmp_path: Path) -> None:
+    run = by_order("latency.max < 1 s", latency=lossy(1)).write(tmp_path / "run")
     assert [requirement.outcome for requirement in verdict_of(run).requirements] == ["inconclusive"]
 
 

@@ -390,60 +390,6 @@ class TestTheWhole:
         assert [one.offered_hz for one in verdict.unusable] == [60]
 
 
-class TestWindows:
-    """``in 99 % of 1 s windows``."""
-
-    @staticmethod
-    def slow_seconds(*slow: int, seconds: int = 100) -> NDArray[np.float64]:
-        found = np.full(seconds * 30, 0.02)
-        for second in slow:
-            found[second * 30 : (second + 1) * 30] = 0.1
-        return found
-
-    @pytest.mark.parametrize(
-        ("slow", "outcome"),
-        [
-            ((), "pass"),
-            ((10, 50), "pass"),
-            ((10, 30, 50, 70, 90), "inconclusive"),
-            (tuple(range(3, 100, 5)), "fail"),
-        ],
-    )
-    def test_the_binomial_over_windows(self, slow: tuple[int, ...], outcome: str) -> None:
-        samples = samples_of(Played(30, self.slow_seconds(*slow)))
-        found = one(samples, "latency.p99 < 60 ms in 90 % of 1 s windows")
-        assert (found.outcome, found.method) == (outcome, "binomial over windows")
-        assert (found.n, found.over) == (100, len(slow))
-        assert "windows of 1 s" in found.reason
-        assert "latency.p99 < 60 ms" in found.reason
-
-    def test_bad_windows_one_after_the_other_say_less(self) -> None:
-        samples = samples_of(Played(30, self.slow_seconds(*range(40, 46))))
-        apart = samples_of(Played(30, self.slow_seconds(*range(0, 60, 10))))
-        one_after_the_other, spread = (
-            one(played, "latency.p99 < 60 ms in 80 % of 1 s windows").share
-            for played in (samples, apart)
-        )
-        assert one_after_the_other is not None
-        assert spread is not None
-        assert one_after_the_other.upper > spread.upper
-
-    def test_floors_and_equalities(self) -> None:
-        samples = samples_of(Played(30, self.slow_seconds()))
-        for asked in ("throughput.mean >= 95 % of offered", "missed == 0", "latency.p50 > 10 ms"):
-            assert one(samples, f"{asked} in 90 % of 1 s windows").outcome == "pass"
-        assert one(samples, "missed != 0 in 90 % of 1 s windows").outcome == "fail"
-        floor = one(samples, "throughput.mean >= 40 Hz in 90 % of 1 s windows")
-        assert floor.outcome == "fail"
-        assert floor.estimate == pytest.approx(30, rel=0.01)
-
-    def test_what_has_no_windows(self) -> None:
-        samples = samples_of(Played(30, latencies(60)))
-        assert one(samples, "duplicates == 0 in 90 % of 1 s windows").outcome == "fail"
-        found = one(samples, "latency.p99 < 1 s in 90 % of 10 s windows")
-        assert (found.outcome, found.method) == ("inconclusive", "none")
-
-
 class TestSeverity:
     @pytest.mark.parametrize(
         ("levels", "outcomes", "policy", "overall"),

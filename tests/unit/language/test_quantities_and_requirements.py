@@ -130,14 +130,6 @@ def test_any_text_is_a_requirement_or_says_where_not(text: str) -> None:
     assert broken_at is None or 0 <= broken_at <= len(text)
 
 
-def test_a_share_of_windows() -> None:
-    found = parse_requirement("tags.latency.p99 < 60 ms in 99 % of 500 ms windows")
-    assert (found.windows_share, found.window_ns) == (0.99, 500_000_000)
-    assert found.bound == Bound(value=0.06, dimension="time")
-    whole = parse_requirement("latency.p99 < 60 ms")
-    assert (whole.windows_share, whole.window_ns) == (None, 0)
-
-
 def test_a_bound_relative_to_an_earlier_run() -> None:
     bound = parse_requirement("latency.p50 <= 105 % of baseline").bound
     assert bound == Bound(value=1.05, dimension="share", of_baseline=True)

@@ -99,11 +99,10 @@ def test_latency_counts_from_the_stamp_of_the_source(tmp_path: Path) -> None:
 )
 def test_stamps_that_are_no_times_of_this_clock_give_no_latency(tmp_path: Path, rows: Any) -> None:
     required = "latency.p50 < 100 s", "latency.max < 100 s", "latency.mean < 100 s"
-    windows = "latency.p50 < 100 s in 50 % of 100 ms windows"
-    run = live_run(tmp_path / "run", rows, *required, windows, count=3)
+    run = live_run(tmp_path / "run", rows, *required, count=3)
     (rate,) = summarise(read_samples(run)).rates
     assert rate.pooled.monitors["detections"].latency.p50 is None
-    assert outcomes(run) == ["inconclusive"] * 4
+    assert outcomes(run) == ["inconclusive"] * 3
     assert match_segment(run, run.record.segments[0], run.plan.monitors[0])[0].size == 0
 
 
@@ -133,7 +132,6 @@ UNKNOWN = (
     "latency_from_due.p50 < 100 s",
     "playback.lateness.p99 < 100 s",
     "throughput.mean >= 1 % of offered",
-    "drop_rate <= 100 % in 50 % of 100 ms windows",
     "sustained",
     "peak.rate > 0 Hz",
 )
@@ -150,11 +148,9 @@ def test_a_graph_that_falls_silent_is_seen(tmp_path: Path) -> None:
     required = (
         "interval.max < 500 ms",
         "throughput.mean > 50 Hz",
-        "throughput.mean > 50 Hz in 60 % of 100 ms windows",
-        "interval.max < 50 ms in 60 % of 100 ms windows",
     )
     run = live_run(tmp_path / "run", rows, *required, count=10)
-    assert outcomes(run) == ["fail", "fail", "fail", "fail"]
+    assert outcomes(run) == ["fail", "fail"]
 
 
 def test_a_graph_that_sends_nothing_fails(tmp_path: Path) -> None:

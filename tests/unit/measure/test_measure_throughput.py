@@ -7,8 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from nightly import size
-from r2bspec.judge.measure.metric_catalogue import find_metric
-from r2bspec.judge.measure.metric_values import window_values
 from r2bspec.judge.measure.sample_table import MonitorSamples
 from r2bspec.judge.measure.samples import SegmentSamples
 from run_simulation import Played, Simulation
@@ -91,18 +89,9 @@ def test_bursts_with_losses_do_not_look_faster_than_what_came_out() -> None:
     seen = samples.monitors["detections"]
     assert (seen.sent, seen.answered) == (200, 170)
     assert seen.throughput_hz == pytest.approx(17.0)
-    windows = window_values(find_metric("throughput.mean"), "detections", samples, SECOND, 0.0)
-    assert windows.values == pytest.approx([17.0] * 10)
 
 
 def test_a_graph_slower_than_its_input_has_its_own_rate() -> None:
     # 20 Hz of 30, from a queue without an end: all are answered, half of them after the window.
     latency = np.linspace(0.05, 0.05 + 299 * (1 / 20 - 1 / 30), 300)
     assert measured(30.0, latency).throughput_hz == pytest.approx(20, rel=0.005)
-
-
-def test_windows_of_a_rate_that_does_not_divide_them_have_it_too() -> None:
-    samples = iteration(29.97, np.full(300, 0.01))
-    found = window_values(find_metric("throughput.mean"), "detections", samples, SECOND, 0.0)
-    assert len(found.values) == 10
-    assert found.values == pytest.approx([29.97] * 10, rel=1e-6)

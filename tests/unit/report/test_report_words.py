@@ -19,8 +19,6 @@ from r2bspec.cli.main import main
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import UsageError
 from r2bspec.judge.judge_run import result_of
-from r2bspec.judge.measure.distribution import Distribution
-from r2bspec.judge.measure.metrics import HopMetrics
 from r2bspec.judge.result import Result
 from r2bspec.record.graph_identity import GraphIdentity, Revision
 from r2bspec.record.run_folder import Run
@@ -44,15 +42,6 @@ pytestmark = pytest.mark.usefixtures("without_charts")
 
 SECOND_NS = 10**9
 PARTS = (0.001, 0.002, 0.0021, 0.003, 0.004, 0.0047, 0.005, 0.006)
-HOP = HopMetrics(
-    source="/r2b/<b>&",
-    target="/r2b/out",
-    matched=98,
-    missed=2,
-    latency=Distribution(
-        **dict(zip(Distribution.__struct_fields__, (98, *PARTS), strict=True))  # type: ignore[arg-type]
-    ),
-)
 FLOOR = HarnessOverheadRecord(
     topic="/r2b/image",
     bytes=240,
@@ -110,7 +99,6 @@ def result(usual_run: Run) -> Result:
         lambda monitors: {
             name: msgspec.structs.replace(
                 seen,
-                hops=(HOP,),
                 values=seen.values | {"late": 3, "overdue": 2, "unmatched": 5, "early": 1},
             )
             for name, seen in monitors.items()
@@ -155,10 +143,6 @@ def text(result: Result) -> Callable[[str], str]:
         ("R2B204: node /r2b/a has no topic 'x' that could be remapped", "text"),
         ("3 matched no input, 2 arrived in a later segment (counted as missed)", "text"),
         ("1 arrived before the input", "text"),
-        ("/r2b/<b>& → /r2b/out 10 Hz 2.1 ms 4.7 ms 98 2", "text"),
-        ("| /r2b/<b>& → /r2b/out | 10 Hz | 2.1 ms | 4.7 ms | 98 | 2 |", "markdown"),
-        ("hops to Tag detections", "html"),
-        ('<data value="0.0047" data-path="metrics/rates/0/pooled/monitors/detections/hops', "html"),
         ("between two processes (harness.placement: separate)", "text markdown html junit"),
         ("120 µs", "text markdown html junit"),
         (
