@@ -17,7 +17,6 @@ from typing import Literal
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from simulated_worlds import bursts
 
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.measure.host_usage import HostInterference
@@ -89,9 +88,22 @@ def _run(
     return replace(samples, iterations={RATE_HZ: first}, reruns=reruns)
 
 
+def _bursts(random: np.random.Generator, length: float, iterations: int) -> NDArray[np.bool_]:
+    """1 % of the messages, in bursts of a mean length: a two-state Markov chain."""
+    share, leave = 0.01, 1 / length
+    enter = leave * share / (1 - share)
+    found = np.empty((iterations, 300), dtype=np.bool_)
+    state = random.random(iterations) < share
+    for step in range(found.shape[1]):
+        found[:, step] = state
+        draw = random.random(iterations)
+        state = np.where(state, draw >= leave, draw < enter)
+    return found
+
+
 def _latencies(random: np.random.Generator, iterations: int) -> NDArray[np.float64]:
     """Seconds, shape (iterations, 300): 1 % in bursts of 5 just over the limit, others at half."""
-    late = bursts(5)(random, (1, iterations, 300), 0.01)[0]
+    late = _bursts(random, 5, iterations)
     usual = random.uniform(0.3, 0.5, late.shape) * LIMIT_S
     return np.asarray(np.where(late, LIMIT_S * random.uniform(1.0, 1.5, late.shape), usual))
 

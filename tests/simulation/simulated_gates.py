@@ -14,24 +14,19 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
-from simulated_worlds import World, bursts, stationary
 
 from r2bspec.judge.measure.times import rank
 from r2bspec.judge.statistics.percentile_interval import level_margin
 from r2bspec.judge.statistics.shares import ShareBounds, ShareLimit, bounds_of_flags
 from r2bspec.judge.statistics.t_interval import (
     RatioInterval,
-    mean_interval,
     pair_orders,
     paired_ratio,
     scatter_level,
 )
-from r2bspec.language.benchmark_defaults import CONFIRMATION_CONFIDENCE
 from r2bspec.plan.interim_looks import InterimLooks, pairs_that_confirm
 
 CONFIDENCE = 0.95
-LOOKS = InterimLooks((10, 20, 40))
-
 Values = NDArray[np.float64]
 
 
@@ -124,79 +119,9 @@ def percentile_outcome(
     return found if clear else 0
 
 
-def mean_outcome(values: list[float], confidence: float = CONFIDENCE, limit: float = 1.0) -> int:
-    """``mean < limit`` by t over iterations."""
-    found = mean_interval(values, scatter_level(confidence))
-    return int(found.upper < limit) - int(found.lower >= limit)
-
-
 def ratio_outcome(interval: RatioInterval, limit: float = 1.0) -> int:
     """``>= limit of baseline``."""
     return int(interval.lower >= limit) - int(interval.upper < limit)
-
-
-def look(run: NDArray[np.bool_], allowed: float, confidence: float = CONFIDENCE) -> tuple[int, int]:
-    """A share requirement at looks: the outcome, and how many iterations were played."""
-    outcome = end = 0
-    for number, end in enumerate(LOOKS.iterations, start=1):
-        outcome = share_outcome(run[:end], allowed, LOOKS.confidence_at(number, confidence))
-        if outcome:
-            break
-    return outcome, end
-
-
-def share_gate(
-    world: World,
-    truth: float,
-    allowed: float,
-    *,
-    runs: int,
-    messages: int = 300,
-    iterations: int = 10,
-    seed: int = 1,
-) -> Errors:
-    """A percentile or share requirement in many runs."""
-    flags = world(np.random.default_rng(seed), (runs, iterations, messages), truth)
-    return Errors.of(share_outcome(run, allowed) for run in flags)
-
-
-def mean_gate(values: Values, limit: float = 1.0) -> Errors:
-    """``mean < limit``; `values` is (runs, iterations)."""
-    return Errors.of(mean_outcome(run, limit=limit) for run in values.tolist())
-
-
-def _resembling_means(random: np.random.Generator, runs: int, m: int) -> Values:
-    noise = random.standard_normal((runs, m + 100))
-    return np.asarray(1 + signal.lfilter([0.75**0.5], [1, -0.5], noise, axis=1)[:, 100:])
-
-
-def _resembling_messages(random: np.random.Generator, runs: int, m: int) -> Values:
-    noise = random.standard_normal((runs, m, 150))
-    messages = signal.lfilter([0.19**0.5], [1, -0.9], noise, axis=2)[:, :, 50:]
-    return np.asarray(1 + 0.1 * messages.mean(axis=2))
-
-
-MEAN_WORLDS: dict[str, Callable[[np.random.Generator, int, int], Values]] = {
-    "stationary, 2 % variation": lambda random, runs, m: random.normal(1, 0.02, (runs, m)),
-    "drifting by 6 %": lambda random, runs, m: (
-        random.normal(1, 0.02, (runs, m)) + np.linspace(-0.03, 0.03, m)
-    ),
-    "each like the one before (r = 0.5)": _resembling_means,
-    "log-normal messages (sigma 1), 300 each": lambda random, runs, m: np.exp(
-        random.normal(0, 1, (runs // 2, m, 300)) - 0.5
-    ).mean(axis=2),
-    "Pareto messages (index 3), 300 each": lambda random, runs, m: (
-        2 * random.pareto(3, (runs // 2, m, 300))
-    ).mean(axis=2),
-    "messages like those before (r = 0.9)": _resembling_messages,
-}
-"""Means of m iterations in so many runs; the true mean is 1."""
-
-
-def looked_gate(flags: NDArray[np.bool_], allowed: float) -> tuple[Errors, float]:
-    """A share requirement at looks; and how many iterations were played, in the mean."""
-    outcomes, played = zip(*(look(run, allowed) for run in flags), strict=True)
-    return Errors.of(outcomes), float(np.mean(played))
 
 
 def heads(pairs: int, seed: int) -> NDArray[np.bool_]:
@@ -251,37 +176,6 @@ def paired_gate(
 
 
 # Gates whose failures are confirmed by a fresh batch.
-
-Batch = Callable[[np.random.Generator, float], int]
-"""The outcome of a new batch, at a confidence."""
-
-
-def confirmed_gates(batch: Batch, *, runs: int) -> Errors:
-    """Many gates, each failure of which is confirmed by a fresh batch or not."""
-    random = np.random.default_rng(1)
-    found = Errors(runs)
-    for _ in range(runs):
-        found.add(batch(random, CONFIDENCE), partial(batch, random, CONFIRMATION_CONFIDENCE))
-    return found
-
-
-def _shares(world: World, iterations: int, messages: int, allowed: float) -> Batch:
-    return lambda random, confidence: share_outcome(
-        world(random, (1, iterations, messages), allowed)[0], allowed, confidence
-    )
-
-
-KINDS: dict[str, Batch] = {
-    "percentile, bursts of 5": _shares(bursts(5), 10, 300, 0.01),
-    "drop rate": _shares(stationary, 10, 100, 0.05),
-    "mean over iterations": lambda random, confidence: mean_outcome(
-        random.normal(1, 0.02, 10).tolist(), confidence
-    ),
-    "windows": _shares(bursts(2), 10, 20, 0.1),
-    "looks at 1x, 2x, 4x": lambda random, confidence: look(
-        stationary(random, (1, 40, 75), 0.1)[0], 0.1, confidence
-    )[0],
-}
 
 # Worlds of successive runs; two of them differ by 2.7 %.
 

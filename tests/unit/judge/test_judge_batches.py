@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.judge.confirmation import confirm_run, needs_confirmation
+from r2bspec.judge.confirmation import confirm_run
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.judge_run import judge_with_confirmation, result_of
 from r2bspec.judge.measure.run_samples import read_samples
@@ -39,13 +39,6 @@ def simulated(path: Path, first: np.ndarray, second: np.ndarray | None) -> Run:
 def search(holds_hz: float, fails_hz: float, segment: str) -> SearchRecord:
     tried = msgspec.structs.replace(probe(holds_hz, holds=True), segment=segment)
     return SearchRecord(probes=(tried,), holds_hz=holds_hz, fails_hz=fails_hz, limited_by="graph")
-
-
-@pytest.mark.parametrize("first", [FAST, SOME])
-def test_what_has_not_failed_is_not_tried_again(tmp_path: Path, first: np.ndarray) -> None:
-    found = judge(REQUIRED, read_samples(simulated(tmp_path, first, None)))
-    assert not needs_confirmation(found)
-    assert confirm_run(found, found).requirements == found.requirements
 
 
 @pytest.mark.parametrize(
@@ -109,9 +102,6 @@ class TestSearches:
         high = self.run(tmp_path / "high", search(120, 123, "confirmation-002"))
         assert result_of(high).verdict.outcome == "inconclusive"
 
-    def test_the_first_search_does_not_confirm_itself(self, tmp_path: Path) -> None:
-        assert result_of(self.run(tmp_path, None)).verdict.outcome == "inconclusive"
-
     def test_what_is_played_at_the_peak_is_confirmed_where_it_was_found(
         self, tmp_path: Path
     ) -> None:
@@ -125,11 +115,6 @@ class TestSearches:
         verdict = result_of(run).verdict
         assert verdict.outcome == "fail"
         assert "Confirmed by a second run in new processes." in verdict.reason
-
-    def test_its_probes_are_no_iterations(self, tmp_path: Path) -> None:
-        samples = read_samples(self.run(tmp_path, search(81, 83, "confirmation-002")))
-        assert samples.confirmation is not None
-        assert not samples.confirmation.iterations
 
 
 def test_a_policy_that_fails_the_open_does_not_call_it_confirmed(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -114,11 +114,6 @@ def test_one_in_a_hundred_may_be_early(tmp_path: Path, share: float, outcome: st
     assert verdict_of(rewrite(run, earlier(0.12, share))).outcome == outcome
 
 
-def test_two_clocks_may_be_a_little_apart(tmp_path: Path) -> None:
-    run = by_stamp(tmp_path, "latency.p99 < 50 ms")
-    assert verdict_of(rewrite(run, earlier(0.02005))).outcome == "pass"
-
-
 def test_by_order_a_node_that_drops_half_and_doubles_the_rest_is_invalid(tmp_path: Path) -> None:
     required = "drop_rate <= 1 %", "latency.p99 < 50 ms"
     run = by_order(*required, latency=np.full(STEPS, 0.005)).write(tmp_path / "run")
@@ -137,12 +132,6 @@ def test_by_order_more_outputs_than_the_ratio_allows_are_invalid(tmp_path: Path)
     assert "'ratio: {outputs: 2}'" in found.requirements[0].remedy
 
 
-def test_a_ratio_that_fits_is_valid(tmp_path: Path) -> None:
-    spec = by_order("drop_rate <= 1 %", latency=np.full(STEPS, 0.005))
-    run = replace(spec, outputs=2).write(tmp_path / "run")
-    assert verdict_of(rewrite(run, doubled)).outcome == "pass"
-
-
 def lossy(lost: int) -> NDArray[np.float64]:
     latency = np.full(STEPS, 0.015)
     latency[100 : 100 + lost] = np.nan
@@ -159,11 +148,6 @@ def test_by_order_one_lost_message_makes_the_latency_unknown(tmp_path: Path, met
     assert drops.outcome == "pass"
     (order,) = drops.notes
     assert order == ("Outputs are matched by order: a lost output and a duplicate cancel out.")
-
-
-def test_nor_does_an_observation_judge_an_unknown_latency(tmp_path: Path) -> None:
-    run = by_order("latency.max < 1 s", latency=lossy(1)).write(tmp_path / "run")
-    assert [requirement.outcome for requirement in verdict_of(run).requirements] == ["inconclusive"]
 
 
 def test_nor_is_it_compared_with_a_baseline(tmp_path: Path) -> None:
@@ -301,16 +285,3 @@ def test_times_that_cannot_be_are_damage(
     renew_digests(tmp_path)
     with pytest.raises(RecordError, match=f"{field} has an impossible time"):
         open_run(tmp_path).playback(segment)
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [("cpu_s", np.inf), ("cpu_s", np.nan), ("cpu_s", 1e300), ("waited_s", -np.inf)],
-)
-def test_sums_that_cannot_be_are_damage(field: str, value: float, tmp_path: Path) -> None:
-    rows = Simulation(segments=[Played(30, [0.01, 0.01])]).write(tmp_path).resources()
-    rows[field][1] = value
-    RunFolder(tmp_path).write_resources(rows)
-    renew_digests(tmp_path)
-    with pytest.raises(RecordError, match=f"{field} has an impossible value"):
-        open_run(tmp_path).resources()

@@ -168,14 +168,6 @@ class TestPercentiles:
         assert found.lower < found.estimate < found.upper < 0.06 == found.limit
         assert "3,000 outputs" in found.reason
 
-    def test_a_floor_is_the_ceiling_turned_round(self) -> None:
-        samples = samples_of(Played(30, latencies(1000, over=100)))
-        for metric in ("p50", "p90", "p99"):
-            ceiling = one(samples, f"latency.{metric} <= 60 ms").outcome
-            floor = one(samples, f"latency.{metric} > 60 ms").outcome
-            swapped = {"pass": "fail", "fail": "pass", "inconclusive": "inconclusive"}
-            assert floor == swapped[ceiling]
-
 
 class TestObservations:
     @pytest.mark.parametrize(
@@ -202,13 +194,6 @@ class TestObservations:
         samples = samples_of(Played(30, values, twice=(0,)))
         found = one(samples, requirement)
         assert (found.outcome, found.method) == (outcome, "observation")
-
-    def test_a_silence_is_an_interval(self) -> None:
-        values = latencies(300)
-        values[100:] = NAN
-        samples = samples_of(Played(30, values))
-        assert one(samples, "interval.max < 1 s").outcome == "fail"
-        assert one(samples, "throughput.mean > 20 Hz").estimate < 15  # type: ignore[operator]
 
 
 def bracket(holds: float | None, fails: float | None, limited_by: str = "graph") -> SearchRecord:

@@ -72,27 +72,6 @@ class TestThePlan:
         assert sum(errors) == pytest.approx(0.05)
         assert InterimLooks((5,)).confidence_at(1, 0.9) == pytest.approx(0.9)
 
-    def test_looks_before_the_declared_starts_leave_the_whole_error_for_the_last(self) -> None:
-        looks = InterimLooks.planned(10, 5)
-        assert [looks.error_share(look) for look in (1, 2, 3)] == [0.7, 0.7, 1.0]
-
-    def test_most_of_the_error_is_left_for_the_last_look_of_an_extended_run(self) -> None:
-        looks = InterimLooks.planned(10, 5, 20)
-        assert looks.iterations == (6, 8, 10, 12, 14, 16, 18, 20)
-        *others, last = (looks.error_share(look) for look in range(3, len(looks) + 1))
-        assert last == 0.7
-        assert set(others) == {6**-1.1}
-
-    @pytest.mark.parametrize("iterations", [(), (0,), (5, 5), (5, 3)])
-    def test_nonsense_is_refused(self, iterations: tuple[int, ...]) -> None:
-        with pytest.raises(ValueError, match="ascending"):
-            InterimLooks(iterations)
-
-    def test_looks_that_a_run_has_reached(self) -> None:
-        looks = InterimLooks((5, 10, 20))
-        reached = {0: 0, 4: 0, 5: 1, 10: 2, 19: 2, 20: 3, 99: 3}
-        assert {n: looks.completed_looks(n) for n in reached} == reached
-
 
 class TestWhatToDoNext:
     LOOKS = InterimLooks((5, 10, 20))

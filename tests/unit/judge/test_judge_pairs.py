@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +17,8 @@ from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.measure.metrics import summarise
 from r2bspec.judge.measure.run_samples import merged_samples, read_samples
 from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.record.comparison_folder import merge_runs, open_comparison
+from r2bspec.record.comparison_folder import open_comparison
 from r2bspec.record.files import RecordError
-from r2bspec.record.run_folder import Run
-from r2bspec.record.sample_arrays import INTERFERENCE_DTYPE, Rows
 from run_simulation import Played, Simulation, objective, renew_digests
 
 NOISE = np.exp([0.004, -0.006, 0.003, -0.002, 0.005, -0.004])
@@ -181,26 +178,6 @@ def test_runs_read_as_one_keep_every_sample(tmp_path: Path) -> None:
     together = merged_samples(merged, alone)
     assert summarise(together) == summarise(samples)
     assert together.incomplete == samples.incomplete
-
-
-@dataclass(frozen=True)
-class Watched(Run):
-    """A run with samples of host interference at some times."""
-
-    times_ns: tuple[int, ...] = ()
-
-    def interference(self) -> Rows:
-        rows = np.zeros(len(self.times_ns), INTERFERENCE_DTYPE)
-        rows["time_ns"] = self.times_ns
-        return rows
-
-
-def test_a_pair_that_was_played_again_has_its_place_in_time(tmp_path: Path) -> None:
-    pairs = Comparison(BASE, SLOWER).write(tmp_path / "pairs")
-    run = pairs.run(pairs.record.pairs[0], "head")
-    runs = [Watched(run.folder, run.record, run.plan, times) for times in ((5, 7), (1, 3))]
-    merged = merge_runs(runs, folder=tmp_path, plan=run.plan, whole=run.record)
-    assert merged.interference()["time_ns"].tolist() == [1, 3, 5, 7]
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"r2bspec_pairs": 1}', "\udcff"])

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
-
 import msgspec
 import numpy as np
 import pytest
 
 from r2bspec.judge.measure.samples import RunSamples
-from r2bspec.judge.methods.peak_bracket import peak_doubts, with_refuted_peak
+from r2bspec.judge.methods.peak_bracket import with_refuted_peak
 from r2bspec.judge.pipeline import judge
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.record.comparison_folder import merge_runs
 from r2bspec.record.run_record import SearchRecord
-from r2bspec.report.wording import peak_text, probe_mark
+from r2bspec.report.wording import peak_text
 from run_simulation import Played, Simulation, objective, probe
 
 CONFIRMED = SearchRecord(
@@ -29,22 +25,6 @@ CONFIRMED = SearchRecord(
     proof_s=30.0,
     max_lost=0.01,
 )
-
-
-def test_losses_that_one_of_several_runs_does_not_bound_are_unknown(tmp_path: Path) -> None:
-    run = Simulation((Played(30, np.full(300, 0.02)),)).write(tmp_path / "run")
-
-    def merged(*losses: float | None) -> float | None:
-        runs = [
-            replace(run, record=msgspec.structs.replace(run.record, search=changed(lost_at_most=x)))
-            for x in losses
-        ]
-        whole = merge_runs(runs, folder=tmp_path, plan=run.plan, whole=run.record)
-        assert whole.record.search is not None
-        return whole.record.search.lost_at_most
-
-    assert merged(0.01, 0.02) == 0.02
-    assert merged(0.01, None) is None
 
 
 def changed(**changes: object) -> SearchRecord:
@@ -110,12 +90,6 @@ def test_reports_and_verdicts_say_what_is_missing_instead_of_a_confidence(
     assert words in reason.lower()
 
 
-def test_a_bracket_without_doubts_has_its_confidence() -> None:
-    assert peak_doubts(CONFIRMED) == ()
-    assert "95 % confidence" in peak_text(CONFIRMED)
-    assert "95 % confidence" in peak_text(changed(proof=""))
-
-
 def test_a_confidence_says_what_it_is_for() -> None:
     # Of what comes every T seconds, none is met in 3 T in one of twenty runs.
     assert changed(watched_s=90.0).recurs_s == pytest.approx(30.0, rel=2e-3)
@@ -138,12 +112,6 @@ def test_a_verdict_has_the_confidence_of_its_bracket_and_no_note_that_all_have(
     assert found.notes == ()
     unsteady = changed(watched_s=90.0, unsteady=("it drifts",), unsteady_ratio=1.01)
     assert "confidence" not in ask(samples_of(unsteady), requirement).reason
-
-
-def test_a_rate_with_which_the_graph_kept_up_has_a_mark_of_its_own() -> None:
-    kept = msgspec.structs.replace(probe(5, holds=True), holds=None, keeps_up=True)
-    assert probe_mark(kept) == "~"
-    assert changed(probes=(kept,), holds_hz=None).open_hz == ()
 
 
 def played(climb: float, *, lost: int = 0, seed: int = 0) -> Played:
@@ -181,11 +149,3 @@ def test_losses_at_the_peak_refute_it(lost: int, refuted: str) -> None:
     assert search is not None
     assert search.refuted.endswith(refuted)
     assert bool(search.refuted) == bool(refuted)
-
-
-@pytest.mark.parametrize("search", [changed(holds_hz=80.0), changed(proof="")])
-def test_iterations_at_other_rates_and_earlier_versions_refute_nothing(
-    search: SearchRecord,
-) -> None:
-    samples = samples_of(search, played(0.05))
-    assert with_refuted_peak(samples) is samples

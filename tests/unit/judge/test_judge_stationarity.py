@@ -15,7 +15,6 @@ from nightly import size
 from r2bspec.judge.stationarity import (
     Capacity,
     CompletionTimes,
-    batches,
     estimate_capacity,
     find_nonstationarity,
 )
@@ -85,35 +84,6 @@ def test_a_stop_that_may_cost_less_than_the_precision_is_an_accident() -> None:
     assert text(play(times)) == ""
 
 
-def test_one_long_message_of_many_that_differ_is_no_stop() -> None:
-    times = np.random.default_rng(1).lognormal(-4.6, 0.8, 2000)
-    times[700] = 0.5
-    assert text(play(times)) == ""
-    times[700] = 6.0
-    assert text(play(times)).startswith("stopped for 6 s, once")
-
-
-def test_what_stops_until_the_end_has_stopped() -> None:
-    times_s = np.arange(1, 1500) / 100
-    assert text(CompletionTimes(0.0, times_s, 20.0, 150.0)) == "stopped for 5 s, once in 20 s"
-
-
-def test_how_often_it_stops_in_the_long_run_is_not_known_from_one() -> None:
-    times = np.full(10000, 0.01)
-    times[700] += 1.0
-    (found,) = find_nonstationarity([play(times)], [], PRECISION)
-    # 4.74 stops in as much time are met once at most in one of twenty runs.
-    assert found.ratio == pytest.approx(1 / (1 - 4.744 / 101), rel=1e-3)
-
-
-def test_stops_are_seen_in_plays_that_the_graph_keeps_up_with_too() -> None:
-    times = np.full(2000, 0.01)
-    times[100::450] += 0.5
-    steady = play(np.full(1000, 0.01))
-    (found,) = find_nonstationarity([steady], [play(times)], PRECISION)
-    assert found.text.startswith("stops for 0.5 s")
-
-
 @pytest.mark.parametrize(
     ("factor", "seconds", "said"),
     [
@@ -140,11 +110,6 @@ def test_a_speed_that_wanders_is_named_with_its_range() -> None:
     speeds = np.repeat(np.random.default_rng(5).permutation([1.0, 0.7] * 10), 150)
     said = text(play(at_speeds(speeds, 1)))
     assert said.startswith("its speed wanders between ")
-
-
-def test_nothing_is_said_of_nothing() -> None:
-    assert find_nonstationarity([], [], PRECISION) == ()
-    assert text(CompletionTimes(0.0, np.empty(0), 5.0, 100.0)) == ""
 
 
 def capacity(*plays: CompletionTimes, stages: int = 1) -> Capacity:
@@ -175,11 +140,6 @@ def test_random_times_are_bounded_with_the_stated_confidence() -> None:
     held = [each is not None and each.lower_hz <= 100 <= each.upper_hz for each in found]
     # A stated 95 % that were 91 % in truth would pass once in some ten thousand.
     assert sum(held) >= number * 0.95 - 3 * math.sqrt(number * 0.05 * 0.95)
-
-
-def test_the_start_is_left_out() -> None:
-    slow_first = np.concatenate([np.full(50, 0.02), np.full(900, 0.01)])
-    assert capacity(play(slow_first)).hz == pytest.approx(100.0)
 
 
 def test_more_outputs_for_each_input_are_fewer_steps() -> None:
@@ -216,14 +176,6 @@ def test_a_play_is_saturated_if_less_leaves_than_comes() -> None:
     assert CompletionTimes(0.0, np.empty(0), 5.0, 100.0).saturated
 
 
-def test_the_later_part_begins_anew() -> None:
-    later = play(np.full(1000, 0.01), begun_s=3.0).after(4.0)
-    assert later.begun_s == 7.0
-    assert later.played_s == pytest.approx(6.0)
-    assert 0.0 <= later.times_s[0] < 0.02
-    assert batches(later).begun_s[0] >= 8.0
-
-
 def test_what_is_slower_the_more_is_offered_is_faster_at_its_capacity() -> None:
     # A tenth longer at twice the capacity: at 1.3 and 1.07 times what comes out.
     gentle, hard = (
@@ -235,20 +187,3 @@ def test_what_is_slower_the_more_is_offered_is_faster_at_its_capacity() -> None:
     assert found.hz == pytest.approx(100.0)
     assert found.drowns == pytest.approx(0.006)
     assert found.lower_hz == pytest.approx(100 / 1.006)
-
-
-def test_the_capacity_of_what_drowns_is_less_certain() -> None:
-    random = np.random.default_rng(1)
-    gentle = play(random.lognormal(-4.6, 0.3, 5000), offered_hz=107.0)
-    hard = play(1.02 * random.lognormal(-4.6, 0.3, 1000), offered_hz=130.0)
-    alone, compared = capacity(gentle), estimate_capacity([gentle], 0.95, harder=[hard])
-    assert compared is not None
-    assert compared.upper_hz / compared.hz > alone.upper_hz / alone.hz
-    assert compared.lower_hz == alone.lower_hz
-
-
-def test_more_speed_with_more_load_raises_nothing() -> None:
-    gentle, hard = play(np.full(1000, 0.01)), play(np.full(1000, 0.009), offered_hz=200.0)
-    found = estimate_capacity([gentle], 0.95, harder=[hard])
-    assert found is not None
-    assert found.hz == pytest.approx(100.0)

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
-from r2bspec.judge.statistics.more_pieces import advice, mean_decides, more_pieces, share_decides
+from r2bspec.judge.statistics.more_pieces import mean_decides, more_pieces, share_decides
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
 from r2bspec.judge.statistics.rule_of_three import min_sample_size, zero_failure_bound
 from r2bspec.judge.statistics.shares import ShareBounds, ShareLimit, bounds_of_flags
 from r2bspec.judge.statistics.t_interval import mean_interval
-from r2bspec.judge.statistics.trend import lagged_products, significant_inflation
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 
 COUNTS = [(0, 1), (1, 1), (0, 298), (0, 299), (3, 10), (14, 3000), (60, 3000), (2999, 3000)]
@@ -40,19 +39,6 @@ class TestZeroFailures:
     )
     def test_published_numbers(self, allowed: float, confidence: float, needed: int) -> None:
         assert min_sample_size(allowed, confidence) == needed
-
-    @given(st.floats(1e-6, 0.999), st.sampled_from([0.9, CONFIDENCE, 0.99]))
-    def test_it_is_the_smallest_number_that_is_enough(
-        self, allowed: float, confidence: float
-    ) -> None:
-        needed = min_sample_size(allowed, confidence)
-        assert needed is not None
-
-        def doubt(number: int) -> float:
-            return math.exp(number * math.log1p(-allowed))
-
-        assert doubt(needed) <= (1 - confidence) * (1 + 1e-6)
-        assert needed == 1 or doubt(needed - 1) > (1 - confidence) * (1 - 1e-6)
 
     def test_no_number_shows_that_nothing_is_ever_lost(self) -> None:
         assert min_sample_size(0, CONFIDENCE) is None
@@ -87,11 +73,6 @@ class TestBinomial:
             assert upper_bound(over, n, 0.99) <= 1 - quantile + 1e-12
             assert upper_bound(over, n - 1, 0.99) > 1 - quantile
 
-    def test_counts_need_not_be_whole(self) -> None:
-        between = [upper_bound(k / 10, 500, 0.95) for k in range(21)]
-        assert between == sorted(between)
-        assert upper_bound(0.5, 333.3, 0.95) == pytest.approx(stats.beta.ppf(0.95, 1.5, 332.8))
-
 
 class TestPercentileInterval:
     """The bounds in seconds decide exactly as the test on counts does."""
@@ -123,11 +104,6 @@ class TestPercentileInterval:
         assert upper(298) == np.inf
         assert upper(299) == 298
 
-    def test_lost_messages_are_infinitely_late(self) -> None:
-        values = np.random.default_rng(1).permutation([1.0] * 97 + [np.inf] * 3)
-        interval = percentile_interval(RankedMessages([values], (), share_limit(0.05)), 0.95)
-        assert (interval.estimate, interval.upper) == (1.0, np.inf)
-
 
 def share_limit(allowed: float) -> ShareLimit:
     return ShareLimit(allowed, confidence=0.95, level=0.96)
@@ -152,11 +128,6 @@ def shared(*bad: int, n: int = 100, starts: tuple[int, ...] = STARTS) -> ShareBo
 
 
 class TestShares:
-    @pytest.mark.parametrize("share", [0, 1])
-    def test_where_nothing_differs_there_is_nothing_to_estimate(self, share: int) -> None:
-        found = bounds_of_flags([np.full(100, bool(share))], (), share_limit(0.01))
-        assert (found.effect, found.differ) == (1.0, "")
-
     def test_no_iteration_and_empty_iterations(self) -> None:
         assert bounds_of_flags([], (), share_limit(0.01)).n == 0
         empty = np.zeros(0, dtype=bool)
@@ -166,12 +137,6 @@ class TestShares:
         found = shared(3, 3, 3, 3, 3, 3, 3, 3, 3, 3)
         assert found.upper == pytest.approx(upper_bound(30, 1000, 0.95))
         assert found.lower == pytest.approx(lower_bound(30, 1000, 0.95))
-
-    def test_what_starts_share_counts_once(self) -> None:
-        bad = (2, 2, 9, 9, 2, 2, 9, 9, 2, 2)
-        by_starts, alone = shared(*bad), shared(*bad, starts=())
-        assert by_starts.differ == "starts"
-        assert by_starts.lower < alone.lower
 
     def test_a_burst_in_a_single_iteration_counts_by_stretches(self) -> None:
         late = np.zeros(3000, dtype=bool)
@@ -221,10 +186,6 @@ class TestMorePieces:
         assert more_pieces(5, few, many) == more_pieces(5, many)
         assert more_pieces(5, mean_decides(0.0, 1.0, 5, 0.95)) is None
 
-    def test_the_sentence(self) -> None:
-        assert advice(1, "starts") == "About 1 more start would decide it."
-        assert advice(7, "pairs") == "About 7 more pairs would decide it."
-
 
 class TestMeanInterval:
     def test_it_agrees_with_scipy(self) -> None:
@@ -240,27 +201,3 @@ class TestMeanInterval:
         found = mean_interval([1.0, 1.0, 1.0], 0.95, resolution=0.01)
         assert 0.98 < found.lower < 1.0 < found.upper < 1.02
         assert mean_interval([1.0, 1.0], 0.95).lower == 1.0
-
-    def test_one_value_has_no_interval(self) -> None:
-        with pytest.raises(ValueError, match="two values"):
-            mean_interval([1.0], 0.95)
-
-
-class TestTrend:
-    def test_of_batches_that_are_independent_by_design_only_what_is_significant_counts(
-        self,
-    ) -> None:
-        random = np.random.default_rng(2)
-        runs = [random.standard_normal(40).tolist() for _ in range(400)]
-        unaffected = sum(significant_inflation(run) == 1.0 for run in runs)
-        # One in six exceeds the standard error.
-        assert 0.78 * 400 <= unaffected <= 0.92 * 400
-        climb = [float(n) for n in range(40)]
-        assert significant_inflation(climb) == pytest.approx(19.0)
-        assert significant_inflation(climb[:4]) == significant_inflation([2.0] * 40) == 1.0
-
-    @pytest.mark.parametrize(("size", "lags"), [(5, 2), (3000, 200)])
-    def test_products_by_fourier_transform_are_the_sums(self, size: int, lags: int) -> None:
-        values = np.random.default_rng(1).normal(size=size)
-        expected = [values[lag:] @ values[: size - lag] for lag in range(lags + 1)]
-        assert lagged_products(values, lags) == pytest.approx(expected, abs=1e-8)

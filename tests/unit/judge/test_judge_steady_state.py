@@ -79,18 +79,6 @@ def test_iterations_that_are_alike_need_no_word(starts: tuple[int, ...]) -> None
     assert not any(" times that " in note for note in found.notes)
 
 
-def test_iterations_that_all_began_at_once_have_no_climb() -> None:
-    """As a damaged record may say."""
-    run = run_of(changed(slice(5, None), 1.5))
-    (rate,) = run.iterations
-    at_once = [
-        replace(each, segment=msgspec.structs.replace(each.segment, began_ns=0, ended_ns=10**9))
-        for each in run.iterations[rate]
-    ]
-    same = replace(run, iterations={rate: tuple(at_once)})
-    assert one(same, "latency.mean < 20 ms").outcome in {"pass", "inconclusive"}
-
-
 @pytest.mark.parametrize(
     ("starts", "part", "advice"),
     [

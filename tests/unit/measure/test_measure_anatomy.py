@@ -128,12 +128,6 @@ def test_the_load_of_a_node_is_the_share_of_the_time_in_its_callbacks() -> None:
     assert np.median(found.series["blur.callback"]) == pytest.approx(0.004, rel=0.1)
 
 
-def test_shares_of_one_message_add_up_to_one() -> None:
-    found = joined(observed(CHAIN))
-    shares = [found.series[name] for name in found.series if name.startswith("path.")]
-    assert sum(shares) == pytest.approx(np.ones(200))
-
-
 def test_a_clock_that_steps_leaves_times_unseen_and_no_sum_wrong() -> None:
     simulated = observed(CHAIN)
     rows = simulated.rows.copy()
@@ -150,21 +144,6 @@ def test_a_clock_that_steps_leaves_times_unseen_and_no_sum_wrong() -> None:
     assert 1 <= sum(np.count_nonzero(part.seconds) for part in unseen) <= 3
     assert path.began_ns.size == 200
     assert path.seconds.max() < 0.1
-
-
-def test_an_executor_that_never_waits_in_rcl_has_the_same_parts() -> None:
-    """As that of rclcpp for events, which the middleware calls."""
-    graph = replace(FORK, stages=tuple(replace(each, style="rclcpp") for each in FORK.stages))
-    seen = observed(graph)
-    rows = seen.rows[seen.rows["kind"] != AnatomyKind.WAIT]
-    for one, other in zip(
-        joined(seen).paths["out"], joined(replace(seen, rows=rows)).paths["out"], strict=True
-    ):
-        assert [part.name for part in one.parts] == [part.name for part in other.parts]
-        assert all(
-            np.array_equal(part.seconds, same.seconds, equal_nan=True)
-            for part, same in zip(one.parts, other.parts, strict=True)
-        )
 
 
 def test_a_middleware_without_times_of_reception_leaves_the_transport_unseen() -> None:

@@ -258,94 +258,6 @@ def test_rclcpp_says_no_callback_of_an_action_and_the_node_has_it_nevertheless()
     assert inside["callback"] == pytest.approx(0.008, rel=0.01)
 
 
-def test_requests_that_were_taken_together_cause_their_own_responses_and_no_feedback() -> None:
-    script = Script()
-    ends = ends_of_action("player")
-    for what, at in (("send_goal", 0), ("get_result", 10)):
-        script.add("player", AnatomyKind.SEND_REQUEST, at, at + 4, ends[what][0], source=2)
-    for what, at in (("send_goal", 50), ("get_result", 54)):
-        script.add("server", AnatomyKind.TAKE_REQUEST, at, at + 2, ends[what][1], source=2)
-    script.callback("server", 60, 100)
-    script.add("server", AnatomyKind.SEND_RESPONSE, 70, 74, ends["send_goal"][1], source=2)
-    script.publish("server", f"{OF_ACTION}/feedback", 80, "/r2b/server")
-    script.add("server", AnatomyKind.SEND_RESPONSE, 90, 94, ends["get_result"][1], source=2)
-    script.take("player", f"{OF_ACTION}/feedback", 110, 80, "/r2bspec/player")
-    for what, at in (("send_goal", 120), ("get_result", 130)):
-        script.add("player", AnatomyKind.TAKE_RESPONSE, at, at + 2, ends[what][0], source=2)
-    found = script.joined(calls_action())
-    first = {name: [path.hops[1] for path in paths] for name, paths in found.paths.items()}
-    assert first == {
-        "it": [f"{OF_ACTION}/get_result"],
-        "it_accepted": [f"{OF_ACTION}/send_goal"],
-        "it_feedback": [f"{OF_ACTION}/send_goal"],
-    }
-
-
-def test_results_begin_with_their_own_goals_however_they_are_asked_for() -> None:
-    script = Script()
-    ends = ends_of_action("player")
-    # The second goal is executed first, and its result is asked for under the number of the first.
-    goals = {1: (71, 0), 2: (72, 5)}
-    for number, (goal, at) in goals.items():
-        client, service = ends["send_goal"]
-        script.add(
-            "player", AnatomyKind.SEND_REQUEST, at, at + 2, client, source=number, header=goal
-        )
-        script.add(
-            *("server", AnatomyKind.TAKE_REQUEST, at + 20, at + 22, service),
-            source=number,
-            received=at + 1,
-            header=goal,
-        )
-        script.callback("server", at + 23, at + 24)
-    for number, (goal, at) in enumerate((goals[2], goals[1]), start=1):
-        client, service = ends["get_result"]
-        script.add(
-            *("player", AnatomyKind.SEND_REQUEST, 100 + at, 102 + at, client),
-            source=number,
-            header=goal,
-        )
-        script.add(
-            *("server", AnatomyKind.TAKE_REQUEST, 120 + at, 122 + at, service),
-            source=number,
-            header=goal,
-        )
-        feedback = f"{OF_ACTION}/feedback"
-        script.publish("server", feedback, 200 + 100 * number, "/r2b/server", thread=9, header=goal)
-        script.take(
-            *("player", feedback, 220 + 100 * number, 200 + 100 * number, "/r2bspec/player"),
-            header=goal,
-        )
-        sent = 250 + 100 * number
-        script.add(
-            "server", AnatomyKind.SEND_RESPONSE, sent, sent + 4, service, source=number, thread=9
-        )
-        script.add(
-            *("player", AnatomyKind.TAKE_RESPONSE, sent + 20, sent + 22, client),
-            source=number,
-            received=sent + 2,
-        )
-    found = script.joined(calls_action())
-    for monitor, last in (("it", "get_result"), ("it_feedback", "feedback")):
-        (path,) = found.paths[monitor]
-        assert path.hops == (
-            *("player", f"{OF_ACTION}/send_goal", "/r2b/server", f"{OF_ACTION}/{last}"),
-        )
-        # That of the second goal came first.
-        first, second = (path.ended_ns - path.began_ns).tolist()
-        assert path.began_ns[1] - path.began_ns[0] == 5 * US
-        assert first - second == 105 * US
-        np.testing.assert_allclose(
-            sum(np.nan_to_num(part.seconds) for part in path.parts), path.seconds
-        )
-    # What arrived before the call that sent it returned has a publication, and no transport.
-    (path,) = found.paths["it"]
-    by_name = {(part.owner, part.name): part.seconds for part in path.parts}
-    assert by_name["player", "publish"] == pytest.approx([1e-6, 1e-6])
-    assert by_name[f"{OF_ACTION}/send_goal", "transport"] == pytest.approx([0, 0])
-    assert by_name["/r2b/server", "wait"] == pytest.approx([19e-6, 19e-6])
-
-
 def test_a_path_leads_through_a_buffer_within_a_process() -> None:
     script = Script()
     script.publish("player", "/in", 0, "/r2bspec/player")
@@ -367,21 +279,6 @@ def test_a_path_leads_through_a_buffer_within_a_process() -> None:
     assert "not seen" not in " ".join(got)
 
 
-def test_a_buffer_that_is_full_overtakes_its_oldest_message() -> None:
-    script = Script()
-    publisher, buffer = ("publisher", "/t", "/r2b/first"), ("buffer", "/t", "/r2b/second")
-    for number in range(3):
-        at = 100 * number
-        script.add("both", AnatomyKind.PUBLISH, at + 40, at + 40, publisher, flags=2)
-        # It has one place.
-        script.add("both", AnatomyKind.ENQUEUE, at + 42, at + 43, buffer, source=0)
-    script.add("both", AnatomyKind.DEQUEUE, 280, 281, buffer, source=0, thread=2)
-    script.callback("both", 285, 290, thread=2)
-    node = script.joined().nodes["/r2b/second"]
-    assert node.taken == {"/t": 1}
-    assert node.overtaken == {"/t": 2}
-
-
 def test_a_player_and_a_monitor_in_the_process_of_the_graph_are_the_ends() -> None:
     script = Script()
     script.publish("blur", "/in", 0, "/r2bspec/player", thread=7)
@@ -397,22 +294,6 @@ def test_a_player_and_a_monitor_in_the_process_of_the_graph_are_the_ends() -> No
     plan = msgspec.structs.replace(plan, processes=(joined,))
     (path,) = script.joined(plan).paths["out"]
     assert path.hops == ("player", "/in", "blur", "/out")
-
-
-def test_monitors_of_one_topic_have_a_path_each() -> None:
-    script = Script()
-    script.publish("player", "/out", 0, "/r2bspec/player")
-    for number in range(2):
-        of = ("subscription", "/out", "/r2bspec/monitor" + "2" * number)
-        source = CLOCK_NS + START_NS + US
-        script.add("monitor", AnatomyKind.TAKE, 20, 22, of, source=source, received=10 + number)
-    plan = plan_of(CHAIN)
-    second = MonitorPlan(name="again", topic="/out", type="", match="stamp", qos=None)
-    found = script.joined(msgspec.structs.replace(plan, monitors=(*plan.monitors, second)))
-    assert [path.ended_ns[0] - START_NS for (path,) in found.paths.values()] == [
-        10 * US,
-        11 * US,
-    ]
 
 
 @pytest.mark.parametrize("stamped_us", [None, 4, 15, -(10**8)])

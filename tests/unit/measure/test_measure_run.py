@@ -63,18 +63,6 @@ def test_metrics_survive_json() -> None:
     assert msgspec.json.decode(msgspec.json.encode(metrics), type=RunMetrics) == metrics
 
 
-def test_a_silent_monitor_has_counts_and_no_times() -> None:
-    samples = Simulation(segments=[Played(10, [NAN] * 5)]).samples()
-    seen = summarise(samples).rates[0].pooled.monitors["detections"]
-    assert (seen.count("sent"), seen.count("received"), seen.count("missed"), seen.drop_rate) == (
-        5,
-        0,
-        5,
-        1,
-    )
-    assert (seen.latency.n, seen.latency.p50, seen.throughput_hz) == (0, None, 0)
-
-
 def test_an_interval_still_open_at_the_end_counts() -> None:
     died = Played(10, [0.01] * 10 + [NAN] * 40)
     samples = Simulation(segments=[died]).samples()

@@ -149,14 +149,6 @@ def test_threads_share_a_file_without_losing_or_mixing_anything(tmp_path: Path) 
     assert np.ptp(rows["clock_ns"]) < 1e9
 
 
-def test_threads_that_end_leave_their_room_to_others(tmp_path: Path) -> None:
-    call_ros(tmp_path, "brief", "1500", max_bytes=file_bytes(1500))
-    rows, _, (process,) = AnatomyReader(tmp_path).read()
-    assert process.lost == 0
-    assert rows["source_ns"].tolist() == [*range(1, 1501)]
-    assert (rows["thread"] != process.pid).all()
-
-
 def test_what_has_no_room_is_counted(tmp_path: Path) -> None:
     call_ros(tmp_path, "threads", "4", "5000", max_bytes=file_bytes(1000))
     rows, _, (process,) = AnatomyReader(tmp_path).read()
@@ -172,28 +164,12 @@ def test_waits_without_anything_between_them_are_one(tmp_path: Path) -> None:
     assert kinds == ["WAIT", "PUBLISH", "TRIGGER"] * 2
 
 
-def test_objects_that_have_no_room_are_counted_and_their_events_remain(tmp_path: Path) -> None:
-    """Each address is used by many of them, one after another."""
-    call_ros(tmp_path, "objects", "3000")
-    rows, objects, (process,) = AnatomyReader(tmp_path).read()
-    assert len(objects) == 2048
-    assert process.lost == 3000 - 2048
-    assert rows["object"].tolist() == [*range(1, 2049), *[0] * (3000 - 2048)]
-
-
 @pytest.mark.parametrize("how", ["linked", "loaded"])
 def test_a_forked_child_writes_nothing(tmp_path: Path, how: Linked) -> None:
     assert call_ros(tmp_path, "fork", how=how).returncode == 0
     rows, objects, _ = AnatomyReader(tmp_path).read()
     assert rows["source_ns"].tolist() == [1, 2, 3]
     assert len(objects) == 1
-
-
-def test_what_a_forked_child_executes_is_recorded(tmp_path: Path) -> None:
-    assert call_ros(tmp_path, "fork", "1").returncode == 0
-    rows, _, processes = AnatomyReader(tmp_path).read()
-    assert sorted(Counter(rows["process"].tolist()).values()) == [3, 5]
-    assert len({each.pid for each in processes}) == 2
 
 
 def test_what_a_killed_process_has_finished_is_read(tmp_path: Path) -> None:
@@ -270,58 +246,6 @@ def test_events_that_are_not_finished_or_cannot_be_are_left_out(tmp_path: Path) 
     assert process.lost == 3
     assert kept["object"].tolist() == [0] + [1] * 95
     assert set(kept["process"]) == {0}
-
-
-def test_what_was_passed_is_not_read_again(tmp_path: Path) -> None:
-    path = rows_file(tmp_path, "threads", "4", "700", max_bytes=file_bytes(3000))
-    content = path.read_bytes()
-    reader = AnatomyReader(tmp_path)
-    everything, objects, _ = reader.read()
-    assert len(everything) == 2800
-    middle = int(np.median(everything["began_ns"]))
-    assert len(reader.read(middle)[0]) == 2800
-    rows, again, (process,) = reader.read(middle)
-    assert (again, process.lost) == (objects, 0)
-    # Only full slabs are passed, and only with all that lies in them.
-    assert 0 < 2800 - len(rows) <= 1400
-    assert (2800 - len(rows)) % 256 == 0
-    late = everything[everything["began_ns"] >= middle]
-    assert set(late["source_ns"]) <= set(rows["source_ns"])
-    # A slab that is not full may get more.
-    reader.read(2**61)
-    left = len(reader.read(2**61)[0])
-    assert 0 < left < 4 * 256
-    assert (2800 - left) % 256 == 0
-    path.write_bytes(content[: content.rindex(everything[-1].tobytes()) - 700 * 64])
-    assert reader.read()[2][0].lost > 0
-
-
-def test_numbers_stay_whatever_is_added(tmp_path: Path) -> None:
-    path = rows_file(tmp_path)
-    content = path.read_bytes()
-    fewer = bytearray(content)
-    at = content.index(_header_of_objects(len(OBJECTS)))
-    fewer[at : at + 4] = (3).to_bytes(4, "little")
-    (tmp_path / "z.rows").write_bytes(content)
-    path.write_bytes(fewer)
-    reader = AnatomyReader(tmp_path)
-    before, known, _ = reader.read()
-    # One file has more objects now, and another one is before both in the folder.
-    path.write_bytes(content)
-    (tmp_path / "a.rows").write_bytes(content)
-    after, objects, processes = reader.read()
-    assert len(processes) == 3
-    assert objects[: len(known)] == known
-    assert len(objects) == 3 * len(OBJECTS)
-    assert [each.process for each in objects[-len(OBJECTS) :]] == [2] * len(OBJECTS)
-    for process in (0, 1):
-        was, now = (rows["object"][rows["process"] == process] for rows in (before, after))
-        assert (now[was != 0] == was[was != 0]).all()
-
-
-def _header_of_objects(count: int) -> bytes:
-    """How many objects there are, and that nothing is lost."""
-    return count.to_bytes(4, "little") + bytes(8)
 
 
 def test_files_of_others_are_passed_over(tmp_path: Path) -> None:

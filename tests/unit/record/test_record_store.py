@@ -42,14 +42,6 @@ def test_a_run_is_read_back_as_it_was_written(tmp_path: Path) -> None:
     assert not [*run.folder.rglob("*.tmp")]
 
 
-def test_an_opened_run_needs_no_absolute_path(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    SIMULATION.write(tmp_path / "run")
-    monkeypatch.chdir(tmp_path)
-    assert open_run(Path("run")).record.status == "complete"
-
-
 def test_a_file_that_could_not_be_finished_leaves_the_old_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -89,12 +81,6 @@ def test_names_stay_inside_the_folder(tmp_path: Path, name: str) -> None:
         folder.write_monitor("iteration-001", name, np.empty(0, MONITOR_DTYPE))
     with pytest.raises(RecordError, match="file name"):
         folder.log_path(name)
-
-
-def test_rows_of_another_type_are_a_mistake_of_the_caller(tmp_path: Path) -> None:
-    folder = RunFolder.create(tmp_path / "run")
-    with pytest.raises(ValueError, match="expected rows"):
-        folder.write_playback("a", np.empty(0, MONITOR_DTYPE))
 
 
 class TestBrokenFolders:
@@ -143,12 +129,6 @@ class TestBrokenFolders:
         with edited_record(folder) as record:
             record["segments"] *= 5
         self.refused(folder, "5 times")
-
-    def test_more_segments_than_can_be_judged(self, folder: Path) -> None:
-        with edited_record(folder) as record:
-            segment = record["segments"][0]
-            record["segments"] = [{**segment, "id": f"s{number}"} for number in range(3_001)]
-        self.refused(folder, "lists 3,001 segments; the limit is 3,000")
 
     @pytest.mark.parametrize(
         "content", [b"", b"{", b"[]", b"{}", b'{"r2bspec_record": 1}', b"\xff"]
