@@ -1,15 +1,11 @@
-"""The actions that an editor offers for a spec: fixes of findings, and commands.
+"""The actions that an editor offers for the findings of a spec: their safe edits, and waivers.
 
-Quick fixes are the safe edits of findings, waivers, and commands that record what is unknown.
-Lenses offer commands above a spec. A command is a command line, run in a process; an editor with a
-terminal may register the same names and run them itself.
+Cases of specs, which a test explorer shows, have a request of their own.
 """
 
 from __future__ import annotations
 
-import asyncio
 import re
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -25,76 +21,9 @@ from r2bspec.language.load_spec import load_cases
 from r2bspec.language_server.analysis import Analysis
 from r2bspec.language_server.findings import PositionsOf, is_file, to_diagnostic, uri
 from r2bspec.language_server.positions import TextPositions
-from r2bspec.plan.wiring.wiring import NodeWiring
 from r2bspec.safe_io.safe_file import unsaved_files
 
-RUN: Final = "r2bspec.run"
-SMOKE: Final = "r2bspec.smoke"
-PLAN: Final = "r2bspec.plan"
-DRAW_GRAPH: Final = "r2bspec.drawGraph"
-RECORD_INTERFACES: Final = "r2bspec.recordInterfaces"
-_VERBS: Final = {
-    RUN: ["run"],
-    SMOKE: ["run", "--smoke"],
-    PLAN: ["plan"],
-    DRAW_GRAPH: ["plan", "--graph", "mermaid"],
-    RECORD_INTERFACES: ["interfaces"],
-}
-COMMANDS: Final = tuple(_VERBS)
-
-
-def _command(title: str, name: str, path: Path, **about: str) -> types.Command:
-    """Return a command about the spec of a file, and a case or a node of it."""
-    return types.Command(title, name, arguments=[{"file": str(path), **about}])
-
-
-async def run_command(name: str, about: Mapping[str, str], folder: Path) -> tuple[int, str]:
-    """Run a command, and return its exit status and its output.
-
-    Args:
-        name: one of `COMMANDS`.
-        about: the file of the spec, and the case or the node that is meant.
-        folder: in which it runs.
-    """
-    options = [
-        word
-        for option in ("case", "node")
-        if about.get(option)
-        for word in (f"--{option}", about[option])
-    ]
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-P", "-m", "r2bspec", *_VERBS[name], about["file"], *options),
-        cwd=folder,
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.STDOUT,
-    )
-    output, _ = await process.communicate()
-    return process.returncode or 0, output.decode("utf-8", "replace")
-
-
-_MAX_CASES: Final = 8
-"""Cases with lenses of their own; a long line of them could not be read."""
-
-
-def code_lenses(analysis: Analysis, positions: TextPositions) -> Iterator[types.CodeLens]:
-    """Yield the lenses of a document: a line for each case."""
-    if analysis.context is None:
-        return
-    # The name may be in an extended file: the lenses are at the beginning of this one then.
-    place = analysis.loaded.span(("name",), key=True)
-    is_here = place.file == str(analysis.path)
-    where = positions.range(place) if is_here else positions.range_of_offsets(0, 0)
-    for loaded in analysis.cases[:_MAX_CASES]:
-        about = {"case": loaded.case} if loaded.case else {}
-        suffix = f" {loaded.case}" if loaded.case else ""
-        for title, name in (("run", RUN), ("smoke", SMOKE), ("plan", PLAN), ("graph", DRAW_GRAPH)):
-            if not suffix or name in {RUN, SMOKE}:
-                command = _command(f"{title}{suffix}", name, analysis.path, **about)
-                yield types.CodeLens(where, command)
-
-
-REQUEST: Final = "r2bspec/cases"
+CASES_REQUEST: Final = "r2bspec/cases"
 """The request of the protocol: its parameters are ``{"uri": ...}`` of a spec."""
 
 
@@ -131,7 +60,7 @@ _UNREADABLE = ("R2B0", "R2B1")
 def code_actions(
     analysis: Analysis, positions_of: PositionsOf, where: types.Range
 ) -> list[types.CodeAction]:
-    """Return the actions for the findings in a range, and for the node there."""
+    """Return the actions for the findings in a range, and that for all of them."""
     positions = positions_of(str(analysis.path))
     start, end = positions.offset(where.start), positions.offset(where.end)
     here = [
@@ -143,7 +72,6 @@ def code_actions(
     return [
         *_fixes(here, positions_of),
         *_waivers(analysis, here, positions_of),
-        *_about_nodes(analysis, positions, start),
         *_fix_all(analysis, positions_of),
     ]
 
@@ -225,52 +153,3 @@ def _waivers(
             diagnostics=[to_diagnostic(finding, finding.span.file, positions_of)],
             edit=_edits(str(analysis.path), edit),
         )
-
-
-def _about_nodes(
-    analysis: Analysis, positions: TextPositions, start: int
-) -> Iterator[types.CodeAction]:
-    context = analysis.context
-    if context is None:
-        return
-    for _, node in context.nodes:
-        span = analysis.loaded.span(node.path, key=True)
-        if span.file != str(analysis.path):
-            continue
-        first, _ = positions.offsets(span)
-        if positions.line_at(first)[0] != positions.line_at(start)[0]:
-            continue
-        if node.interface.topics is None:
-            yield types.CodeAction(
-                title=f"Record the interface of '{node.key}' (starts the node once)",
-                kind=types.CodeActionKind.RefactorRewrite,
-                command=_command(
-                    "Record the interface", RECORD_INTERFACES, analysis.path, node=node.key
-                ),
-            )
-        yield from _declarations(analysis, positions, node)
-
-
-def _declarations(
-    analysis: Analysis, positions: TextPositions, node: NodeWiring
-) -> Iterator[types.CodeAction]:
-    """Write down what is known of a node, or a form for what is not."""
-    if node.node.publishes or node.interface.publishes_from == "spec":
-        return
-    value = analysis.loaded.span(node.path)
-    line_start, _ = positions.line_at(positions.offsets(value)[0])
-    own_key = analysis.loaded.span(node.path, key=True)
-    if value.line == own_key.line:
-        # A map in braces on the line of its key: the edit would change its style.
-        return
-    indent = " " * (value.column - 1)
-    known = node.interface.publishes or {"TOPIC": "sensor_msgs/msg/Image"}
-    lines = [f"{indent}publishes:", *(f"{indent}  {name}: {kind}" for name, kind in known.items())]
-    edit = types.TextEdit(
-        positions.range_of_offsets(line_start, line_start), "\n".join(lines) + "\n"
-    )
-    yield types.CodeAction(
-        title=f"Declare what '{node.key}' publishes",
-        kind=types.CodeActionKind.RefactorRewrite,
-        edit=_edits(str(analysis.path), edit),
-    )

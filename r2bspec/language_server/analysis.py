@@ -3,109 +3,28 @@
 An analysis belongs to one version of the texts: its cases, contexts and findings. An analysis that
 is finished after a text has changed again is dropped, so that nothing stale is shown.
 
-While a spec is being written, it is never valid. To complete names from its bag and its nodes, what
-is wrong is left out and what is missing is filled in with the examples of the schema, until the
-rest is valid (`tentative_context`). Nothing of that is shown as a finding.
+While a spec is being written, it is rarely valid: the names of its bag and its nodes are then those
+of its last valid text.
 """
 
 from __future__ import annotations
 
-import copy
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from r2bspec.check.check_context import Context, DocumentFiles
 from r2bspec.check.engine import check_cases, context_of
-from r2bspec.diagnostics import Diagnostic, Severity
-from r2bspec.diagnostics import Path as TreePath
-from r2bspec.language.declaration import ValueRule, rule_at
+from r2bspec.diagnostics import Diagnostic
 from r2bspec.language.document import Source
-from r2bspec.language.load_spec import LoadedSpec, load_cases, load_spec
-from r2bspec.language.located_tree import TreeNode, to_plain
-from r2bspec.language.matrix import KEY as MATRIX
-from r2bspec.language.yaml_document import compose, to_yaml
-from r2bspec.safe_io import limits
+from r2bspec.language.load_spec import LoadedSpec, load_cases
+from r2bspec.language.located_tree import TreeNode
+from r2bspec.language.yaml_document import compose
 from r2bspec.safe_io.looked_up_files import shared_lookups
 from r2bspec.safe_io.safe_file import unsaved_files
-
-_MAX_ROUNDS: Final = 8
-"""Each round repairs all errors that are seen; a repaired value may have further ones."""
-
-
-def tentative_context(loaded: LoadedSpec) -> Context | None:
-    """Return the context of the valid part of a document; None if no part is valid.
-
-    Args:
-        loaded: the document, with errors.
-    """
-    plain = to_plain(loaded.tree) if loaded.tree is not None else None
-    if not isinstance(plain, dict):
-        return None
-    # Values may be shared, as those of aliases are.
-    plain = copy.deepcopy(plain)
-    plain.pop("extends", None)
-    plain.pop(MATRIX, None)
-    _fill(plain, ())
-    for _ in range(_MAX_ROUNDS):
-        attempt = load_spec(to_yaml(plain), file=loaded.file, environ={})
-        if attempt.spec is not None:
-            return context_of(attempt)
-        if not _repair(plain, attempt.diagnostics):
-            return None
-    return None
-
-
-def _repair(plain: dict[str, Any], found: Iterable[Diagnostic]) -> bool:
-    """Remove what errors are about, deepest first, and fill in what is then missing."""
-    before = copy.deepcopy(plain)
-    paths = [finding.path for finding in found if finding.severity is Severity.ERROR]
-    for path in sorted(paths, key=len, reverse=True):
-        if path:
-            _remove(plain, path)
-    _fill(plain, ())
-    return plain != before
-
-
-def _remove(plain: dict[str, Any], path: TreePath) -> None:
-    owner: Any = plain
-    for part in path[:-1]:
-        try:
-            owner = owner[part]
-        except (KeyError, IndexError, TypeError):
-            return
-    last = path[-1]
-    if isinstance(owner, dict):
-        owner.pop(last, None)
-    elif isinstance(owner, list) and isinstance(last, int) and last < len(owner):
-        del owner[last]
-
-
-def _fill(value: Any, path: TreePath) -> None:
-    """Drop the keys without a value, and add the required ones that are missing."""
-    if isinstance(value, list):
-        for index, item in enumerate(value):
-            _fill(item, (*path, index))
-    if not isinstance(value, dict):
-        return
-    for key in [key for key, below in value.items() if below is None]:
-        del value[key]
-    rule = rule_at(path)
-    if rule is not None and rule.keys is not None:
-        for key in rule.required:
-            if key not in value:
-                value[key] = _example(rule.keys[key])
-    if rule is not None and rule.values is not None and rule.about.at_least and not value:
-        value.update(_example(rule))
-    for key, below in value.items():
-        _fill(below, (*path, key))
-
-
-def _example(rule: ValueRule) -> Any:
-    return copy.deepcopy(rule.about.examples[0]) if rule.about.examples else "example"
 
 
 @dataclass(frozen=True)
@@ -118,6 +37,7 @@ class Analysis:
         cases: of its matrix; the document itself without one. Never empty.
         contexts: of each case; None for one with errors.
         diagnostics: all findings of `r2bspec validate`, sorted by place, also those in other files.
+        known: the context, or that of the last valid version; None if there was none.
     """
 
     path: Path
@@ -125,6 +45,7 @@ class Analysis:
     cases: tuple[LoadedSpec, ...] = field(repr=False)
     contexts: tuple[Context | None, ...] = field(repr=False)
     diagnostics: tuple[Diagnostic, ...] = field(repr=False)
+    known: Context | None = field(default=None, repr=False)
 
     @property
     def loaded(self) -> LoadedSpec:
@@ -135,16 +56,6 @@ class Analysis:
     def context(self) -> Context | None:
         """The context of the first case that has a context."""
         return next((context for context in self.contexts if context is not None), None)
-
-    @cached_property
-    def known(self) -> Context | None:
-        """The context; for a spec with errors, that of its valid part, for proposals."""
-        if (
-            self.context is None
-            and len(self.text) * _MAX_ROUNDS <= limits.MAX_EDITOR_PARSED_CHARACTERS
-        ):
-            return tentative_context(self.loaded)
-        return self.context
 
     @property
     def sources(self) -> Mapping[str, Source]:
@@ -210,7 +121,7 @@ class OpenSpecs:
     def __init__(self) -> None:
         self._documents: dict[Path, OpenDocument] = {}
         self._latest: dict[Path, Analysis] = {}
-        self._valid: dict[Path, Analysis] = {}
+        self._readable: dict[Path, Analysis] = {}
         self.generation = 0
 
     def change(self, path: Path, text: str, version: int | None = None, uri: str = "") -> None:
@@ -221,7 +132,7 @@ class OpenSpecs:
     def close(self, path: Path) -> None:
         """Forget a text; the file on disk counts again."""
         self.generation += 1
-        for documents in (self._documents, self._latest, self._valid):
+        for documents in (self._documents, self._latest, self._readable):
             documents.pop(path, None)
 
     def touch(self) -> None:
@@ -249,20 +160,19 @@ class OpenSpecs:
 
     def keep(self, analysis: Analysis) -> None:
         """Keep an analysis as the newest of its document."""
-        self._latest[analysis.path] = analysis
-        if analysis.context is not None:
-            self._valid[analysis.path] = analysis
+        path, before = analysis.path, self._latest.get(analysis.path)
+        known = analysis.context or (before.known if before is not None else None)
+        self._latest[path] = analysis = replace(analysis, known=known)
+        if analysis.tree is not None:
+            self._readable[path] = analysis
 
     def latest(self, path: Path) -> Analysis | None:
         """Return the newest analysis; that of an older text while a newer text is analysed."""
         return self._latest.get(path)
 
-    def latest_known(self, path: Path) -> Analysis | None:
-        """Return the newest analysis from which names can be proposed, else the newest."""
-        latest = self._latest.get(path)
-        if latest is None or latest.known is not None:
-            return latest
-        return self._valid.get(path, latest)
+    def readable(self, path: Path) -> Analysis | None:
+        """Return the newest analysis of a text that could be parsed."""
+        return self._readable.get(path)
 
     def affected_by(self, path: Path) -> list[Path]:
         """Return the open specs whose findings may change with a document."""

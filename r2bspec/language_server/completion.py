@@ -16,16 +16,14 @@ from lsprotocol import types
 
 from r2bspec.diagnostics.code_pages import all_pages
 from r2bspec.language.declaration import ValueRule, rule_at
-from r2bspec.language_server import proposed_names
 from r2bspec.language_server.analysis import Analysis
-from r2bspec.language_server.positions import (
+from r2bspec.language_server.positions import CursorContext, TextPositions, cursor_context
+from r2bspec.language_server.proposals import (
     CompletionProposal,
-    CursorContext,
-    TextPositions,
-    cursor_context,
+    proposed_keys,
+    proposed_values,
+    references,
 )
-from r2bspec.language_server.symbols import names_of
-from r2bspec.safe_io.limits import MAX_EDITOR_LINE_CHARACTERS
 
 _STEP: Final = "  "
 _PLACEHOLDER = re.compile(r"(?<=[ ])'?\$\{(\d+):[^}\n]*\}'?$", re.MULTILINE)
@@ -87,37 +85,22 @@ _BLOCK: Final = re.compile(r"(?P<indent>\s*)(?P<items>(?:-\s+)*)\Z")
 _AFTER_KEY: Final = re.compile(r"(?P<indent>\s*)(?P<items>(?:-\s+)*)[^\s\[{][^\[{]*:\s*\Z")
 
 
-@dataclass(frozen=True, slots=True)
-class ClientCapabilities:
-    """What the client does with a text that it inserts.
-
-    Attributes:
-        snippets: whether it understands placeholders.
-        adjusts: whether it indents the lines after the first one like the first one.
-    """
-
-    snippets: bool = True
-    adjusts: bool = True
-
-
 def complete(
     analysis: Analysis | None,
     positions: TextPositions,
     position: types.Position,
-    client: ClientCapabilities,
+    snippets: bool,
 ) -> list[types.CompletionItem]:
     """Return the completions at a position.
 
     Args:
-        analysis: of the latest version that was valid; it may be older than the text.
+        analysis: of the latest version that could be parsed; it may be older than the text.
         positions: of the text.
         position: of the cursor.
-        client: what the editor can do.
+        snippets: whether the editor understands placeholders.
     """
     offset = positions.offset(position)
     line_start, _ = positions.line_at(offset)
-    if offset - line_start > MAX_EDITOR_LINE_CHARACTERS:
-        return []
     before = positions.text[line_start:offset]
     waiver = _WAIVER.search(before)
     if waiver is not None:
@@ -128,13 +111,13 @@ def complete(
     reference = _REFERENCE.search(before)
     if reference is not None:
         written = reference["name"] if reference["kind"] else before[reference.start() :]
-        proposals = _references(analysis, reference["kind"] or "")
+        proposals = references(analysis, reference["kind"] or "")
         return _items(proposals, _Insertion(positions, offset - len(written), offset))
     written = positions.text[line_start : context.start]
-    where = _Insertion(positions, context.start, max(context.end, offset), written, client)
+    where = _Insertion(positions, context.start, max(context.end, offset), written, snippets)
     if context.is_key:
         return _items(_keys(analysis, context, where), where)
-    values = _items(proposed_names.proposed_values(analysis, context), where)
+    values = _items(proposed_values(analysis, context), where)
     rule = rule_at(context.path)
     if rule is not None and "object" in rule.kinds and not context.before.strip():
         # A map that has no key yet: the word will be its first key.
@@ -156,7 +139,7 @@ class _Insertion:
     start: int
     end: int
     before: str = ""
-    client: ClientCapabilities = ClientCapabilities()
+    snippets: bool = False
 
     @property
     def is_block(self) -> bool:
@@ -169,21 +152,22 @@ class _Insertion:
         return _AFTER_KEY.match(self.before) is not None
 
     def indented(self, text: str) -> str:
-        """Return a text with the indentation of the place in the lines after its first."""
+        """Return a text with its further lines inside the items of a list.
+
+        The editor indents them like the first."""
         match = _BLOCK.match(self.before) or _AFTER_KEY.match(self.before)
         if match is None:
             return text
-        own = "" if self.client.adjusts else match["indent"]
-        return text.replace("\n", f"\n{own}{' ' * len(match['items'])}")
+        return text.replace("\n", f"\n{' ' * len(match['items'])}")
 
 
 def _keys(
     analysis: Analysis | None, context: CursorContext, where: _Insertion
 ) -> Iterator[CompletionProposal]:
-    items = [*_schema_keys(context), *proposed_names.names_as_keys(analysis, context)]
+    items = [*_schema_keys(context), *proposed_keys(analysis, context)]
     if not context.has_colon:
         items += _schema_snippets(context)
-    is_block = where.client.snippets and where.is_block and not context.has_colon
+    is_block = where.snippets and where.is_block and not context.has_colon
     for key in items:
         if key.label not in context.siblings:
             yield _with_room(key, context) if is_block else key
@@ -195,7 +179,7 @@ def _first_keys(
     """Yield the keys of a map that has none yet; on a line of their own, as YAML needs it."""
     if not where.is_after_key:
         yield from _keys(analysis, context, where)
-    elif where.client.snippets:
+    elif where.snippets:
         own_line = replace(where, before="")
         for key in _keys(analysis, context, own_line):
             text = f"\n{key.insert or key.label}".replace("\n", f"\n{_STEP}")
@@ -254,26 +238,6 @@ def _schema_snippets(context: CursorContext) -> Iterator[CompletionProposal]:
             )
 
 
-def _references(analysis: Analysis | None, kind: str) -> Iterator[CompletionProposal]:
-    """Yield the variables, and the names of the environment that the spec lists."""
-    if analysis is None:
-        return
-    if kind != "env":
-        for name in names_of(analysis, "variable"):
-            yield CompletionProposal(
-                name if kind else f"$(var {name})",
-                detail=proposed_names.variable_value(analysis, name),
-                kind=types.CompletionItemKind.Variable,
-            )
-    if kind != "var":
-        for name in proposed_names.environment_names(analysis):
-            yield CompletionProposal(
-                name if kind else f"$(env {name})",
-                detail="of the environment",
-                kind=types.CompletionItemKind.Constant,
-            )
-
-
 def _codes() -> Iterator[CompletionProposal]:
     for code, page in all_pages().items():
         yield CompletionProposal(page.slug, detail=code, documentation=page.why)
@@ -286,7 +250,7 @@ def _items(
     items: dict[str, types.CompletionItem] = {}
     replaced = where.positions.range_of_offsets(where.start, where.end)
     for proposal in proposals:
-        if proposal.label in items or (proposal.is_snippet and not where.client.snippets):
+        if proposal.label in items or (proposal.is_snippet and not where.snippets):
             continue
         items[proposal.label] = types.CompletionItem(
             label=proposal.label,
@@ -301,11 +265,8 @@ def _items(
             insert_text_format=types.InsertTextFormat.Snippet
             if proposal.is_snippet
             else types.InsertTextFormat.PlainText,
-            insert_text_mode=_mode(where.client) if "\n" in proposal.insert else None,
+            insert_text_mode=types.InsertTextMode.AdjustIndentation
+            if "\n" in proposal.insert
+            else None,
         )
     return list(items.values())
-
-
-def _mode(client: ClientCapabilities) -> types.InsertTextMode:
-    modes = types.InsertTextMode
-    return modes.AdjustIndentation if client.adjusts else modes.AsIs

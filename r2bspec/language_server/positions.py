@@ -203,6 +203,7 @@ class CursorContext:
         end: the offset at which it ends.
         siblings: the keys that the map has, without the one that is written.
         has_colon: whether the key is followed by a colon.
+        tree: the document, with a marker in place of the word.
     """
 
     path: Path
@@ -212,6 +213,7 @@ class CursorContext:
     end: int
     siblings: frozenset[str] = frozenset()
     has_colon: bool = False
+    tree: TreeNode | None = None
 
 
 def cursor_context(text: str, offset: int) -> CursorContext | None:
@@ -237,8 +239,8 @@ def cursor_context(text: str, offset: int) -> CursorContext | None:
         if marked is not None:
             path, is_key, before, siblings = marked
             followed = text[end:].lstrip(" ").startswith(":")
-            written = text[start:offset]
-            return CursorContext(path, is_key, before + written, start, end, siblings, followed)
+            before += text[start:offset]
+            return CursorContext(path, is_key, before, start, end, siblings, followed, tree)
     return None
 
 
@@ -304,24 +306,3 @@ def _marked(tree: TreeNode) -> tuple[Path, bool, str, frozenset[str]] | None:
                 if _MARKER in key:
                     return path, True, key.partition(_MARKER)[0], frozenset(node.entries) - {key}
     return None
-
-
-@dataclass(frozen=True, slots=True)
-class CompletionProposal:
-    """A text that can be inserted.
-
-    Attributes:
-        label: what is shown, and inserted if `insert` is empty.
-        insert: what is inserted instead of the label; the lines after the first one are relative
-            to the indentation of the first.
-        is_snippet: whether `insert` has placeholders.
-        order: lower ones are shown first.
-    """
-
-    label: str
-    detail: str = ""
-    documentation: str = ""
-    insert: str = ""
-    kind: types.CompletionItemKind = types.CompletionItemKind.Value
-    is_snippet: bool = False
-    order: int = 500

@@ -17,10 +17,9 @@ from pygls.lsp.server import LanguageServer
 from r2bspec._version import __version__
 from r2bspec.diagnostics import Span
 from r2bspec.errors import R2bspecError
-from r2bspec.language_server import actions
-from r2bspec.language_server.actions import code_actions, code_lenses, spec_cases
+from r2bspec.language_server.actions import CASES_REQUEST, code_actions, spec_cases
 from r2bspec.language_server.analysis import Analysis, OpenSpecs
-from r2bspec.language_server.completion import TRIGGERS, ClientCapabilities, complete
+from r2bspec.language_server.completion import TRIGGERS, complete
 from r2bspec.language_server.findings import diagnostics_by_file, uri
 from r2bspec.language_server.hover import hover
 from r2bspec.language_server.positions import TextPositions
@@ -67,12 +66,6 @@ class SpecLanguageServer(LanguageServer):
     def location(self, span: Span) -> types.Location:
         """Return the location of a span."""
         return types.Location(uri(span.file), self.positions_of(span.file).range(span))
-
-    @property
-    def folder(self) -> Path:
-        """The folder in which commands run: the first folder of the workspace."""
-        root = self.workspace.root_path
-        return Path(root) if root else Path.cwd()
 
     def update(self, document_uri: str) -> None:
         """Store the text of an open document, and analyse the specs that it belongs to."""
@@ -191,7 +184,6 @@ def create_server() -> SpecLanguageServer:
     _add_documents(server)
     _add_completion(server)
     _add_answers(server)
-    _add_commands(server)
     return server
 
 
@@ -232,23 +224,19 @@ def _add_completion(server: SpecLanguageServer) -> None:
         path = path_of(params.text_document.uri)
         await server.settled(path, MAX_WAIT_S)
         items = complete(
-            server.specs.latest_known(path),
+            server.specs.readable(path),
             server.positions_of(str(path)),
             params.position,
-            _completion_capabilities(server.client_capabilities),
+            _supports_snippets(server.client_capabilities),
         )
         return types.CompletionList(is_incomplete=False, items=items)
 
 
-def _completion_capabilities(client: types.ClientCapabilities) -> ClientCapabilities:
+def _supports_snippets(client: types.ClientCapabilities) -> bool:
     document = client.text_document
     completion = document.completion if document is not None else None
     item = completion.completion_item if completion is not None else None
-    return ClientCapabilities(
-        snippets=item is not None and bool(item.snippet_support),
-        # Editors whose snippets are not adjusted say so; most do it without a word.
-        adjusts=completion is None or completion.insert_text_mode != types.InsertTextMode.AsIs,
-    )
+    return item is not None and bool(item.snippet_support)
 
 
 Answer = Callable[[Analysis, TextPositions, Any], Any]
@@ -308,7 +296,7 @@ def _add_answers(server: SpecLanguageServer) -> None:
         return types.WorkspaceEdit(changes=changes)
 
     kinds = types.CodeActionKind
-    offered = types.CodeActionOptions([kinds.QuickFix, kinds.RefactorRewrite, kinds.SourceFixAll])
+    offered = types.CodeActionOptions([kinds.QuickFix, kinds.SourceFixAll])
 
     @answers(types.TEXT_DOCUMENT_CODE_ACTION, offered)
     def acted(analysis: Analysis, _: TextPositions, params: Any) -> Any:
@@ -316,27 +304,8 @@ def _add_answers(server: SpecLanguageServer) -> None:
         possible = code_actions(analysis, server.positions_of, params.range)
         return [action for action in possible if not wanted or action.kind in wanted]
 
-    @answers(types.TEXT_DOCUMENT_CODE_LENS, types.CodeLensOptions())
-    def lensed(analysis: Analysis, positions: TextPositions, _: Any) -> Any:
-        return list(code_lenses(analysis, positions))
-
-
-def _add_commands(server: SpecLanguageServer) -> None:
-    @server.feature(actions.REQUEST)
+    @server.feature(CASES_REQUEST)
     async def listed_cases(params: Any) -> list[dict[str, Any]]:
         path = path_of(params.uri)
         text, unsaved = server.text_of(path), server.specs.unsaved()
         return await asyncio.to_thread(spec_cases, path, text, unsaved)
-
-    def add(name: str) -> None:
-        @server.command(name)
-        async def started(about: dict[str, str]) -> None:
-            status, output = await actions.run_command(name, about, server.folder)
-            kind = types.MessageType.Info if status == 0 else types.MessageType.Warning
-            server.log(kind, output)
-            message = f"r2bspec: exit status {status}; the log of the server has the output"
-            server.window_show_message(types.ShowMessageParams(kind, message))
-            server.files_changed()
-
-    for name in actions.COMMANDS:
-        add(name)

@@ -131,8 +131,6 @@ MAX_IGNORE_FILE_BYTES: Final = 1_000_000
 
 # Editors and fleets
 
-MAX_EDITOR_LINE_CHARACTERS: Final = 10_000
-"""Of a line in which something is proposed."""
 MAX_EDITOR_PARSED_CHARACTERS: Final = 400_000
 """To propose something: a text that is being written is tried in several ways."""
 MAX_FLEET_ARCHIVE_BYTES: Final = 2 << 30

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from r2bspec.cli.main import main
-from r2bspec.language_server.actions import COMMANDS
 from vscode_extension import EXTENSION, npm, packaged
 
 ROOT = Path(__file__).parents[2]
@@ -49,11 +48,6 @@ def test_it_is_the_matcher_of_github_without_colours() -> None:
     (theirs,) = json.loads(file.read_text("utf-8"))["problemMatcher"][0]["pattern"]
     plain = theirs["regexp"].replace(COLOUR, "").replace("(.*?)$", "(.*)$")
     assert matcher() == theirs | {"regexp": plain}
-
-
-def test_every_command_of_the_server_is_in_the_palette() -> None:
-    named = {each["command"] for each in manifest()["contributes"]["commands"]}
-    assert {*COMMANDS} <= named
 
 
 def test_every_file_that_the_manifest_names_is_there() -> None:

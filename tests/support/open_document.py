@@ -170,10 +170,6 @@ class OpenDocument:
         )
         return {each.title: each for each in answer or ()}
 
-    async def lenses(self) -> list[types.Command]:
-        answer = await self.client.text_document_code_lens_async(types.CodeLensParams(self.id))
-        return [each.command for each in answer or () if each.command is not None]
-
     async def apply(self, edit: types.WorkspaceEdit | None) -> int:
         """Write what is edited here; returns the number of edits."""
         assert edit is not None

@@ -12,11 +12,10 @@ export interface Installation {
   readonly folder: string;
 }
 
-/** What a command is about: the argument that the language server puts into its lenses. */
+/** What a command is about: a spec, and one of its cases. */
 export interface SpecCommand {
   readonly file: string;
   readonly case?: string;
-  readonly node?: string;
 }
 
 /**
@@ -50,7 +49,8 @@ export function quoted(word: string): string {
   return `'${word.replaceAll("'", "'\\''")}'`;
 }
 
-const VERBS: Readonly<Record<string, readonly string[]>> = {
+/** The commands about a spec, by their names in the palette. */
+export const VERBS: Readonly<Record<string, readonly string[]>> = {
   "r2bspec.run": ["run"],
   "r2bspec.smoke": ["run", "--smoke"],
   "r2bspec.plan": ["plan"],
@@ -58,12 +58,8 @@ const VERBS: Readonly<Record<string, readonly string[]>> = {
   "r2bspec.recordInterfaces": ["interfaces"],
 };
 
-/** What follows r2bspec for a command of a lens; undefined for one that is not of r2bspec. */
-export function argumentsOf(name: string, about: SpecCommand): string[] | undefined {
-  const verb = VERBS[name];
-  if (verb === undefined) {
-    return undefined;
-  }
-  const node = about.node && name === "r2bspec.recordInterfaces" ? ["--node", about.node] : [];
-  return [...verb, about.file, ...node, ...(about.case ? ["--case", about.case] : [])];
+/** What follows r2bspec for a command of `VERBS`. */
+export function argumentsOf(name: string, about: SpecCommand): string[] {
+  const verb = VERBS[name] ?? [];
+  return [...verb, about.file, ...(about.case ? ["--case", about.case] : [])];
 }

@@ -1,14 +1,16 @@
 /** The extension: the language server, its commands, the test explorer and the task. */
 
 import * as vscode from "vscode";
+import { VERBS } from "./commandLine";
 import { Pages } from "./pages";
 import { task } from "./processes";
 import { Server } from "./server";
+import { carryOut } from "./specCommands";
 import { TestExplorer } from "./testExplorer";
 
 export async function activate(context: vscode.ExtensionContext): Promise<void> {
   const pages = new Pages();
-  const server = new Server(pages);
+  const server = new Server();
   const tests = new TestExplorer(server);
   const restart = async (): Promise<void> => {
     await server.start();
@@ -18,6 +20,9 @@ export async function activate(context: vscode.ExtensionContext): Promise<void> 
     server,
     tests,
     vscode.commands.registerCommand("r2bspec.restartServer", restart),
+    ...Object.keys(VERBS).map((name) =>
+      vscode.commands.registerCommand(name, () => carryOut(name, pages, (uri) => server.cases(uri))),
+    ),
     vscode.tasks.registerTaskProvider("r2bspec", {
       provideTasks: async () => [await task("validate all specs", ["validate", "."])],
       resolveTask: (given) => resolved(given),

@@ -2,9 +2,7 @@
 
 import * as vscode from "vscode";
 import { LanguageClient, type LanguageClientOptions } from "vscode-languageclient/node";
-import type { Pages } from "./pages";
 import { commandLine, folder } from "./processes";
-import { carryOut, type CasesOf } from "./specCommands";
 
 /** One case of a spec, as the server tells it. */
 export interface SpecCase {
@@ -19,8 +17,6 @@ export interface SpecCase {
 export class Server implements vscode.Disposable {
   private client: LanguageClient | undefined;
 
-  constructor(private readonly pages: Pages) {}
-
   async start(): Promise<void> {
     await this.client?.dispose();
     const [command, ...args] = await commandLine(["lsp"]);
@@ -28,7 +24,7 @@ export class Server implements vscode.Disposable {
       "r2bspec",
       "r2bspec",
       { command: command ?? "r2bspec", args, options: { cwd: folder() } },
-      options(this.pages, (uri) => this.cases(uri)),
+      options(),
     );
     try {
       await this.client.start();
@@ -51,7 +47,7 @@ export class Server implements vscode.Disposable {
   }
 }
 
-function options(pages: Pages, casesOf: CasesOf): LanguageClientOptions {
+function options(): LanguageClientOptions {
   return {
     documentSelector: [
       { scheme: "file", language: "r2bspec" },
@@ -60,10 +56,6 @@ function options(pages: Pages, casesOf: CasesOf): LanguageClientOptions {
     ],
     synchronize: {
       fileEvents: [vscode.workspace.createFileSystemWatcher("**/*.{yaml,yml,py}")],
-    },
-    middleware: {
-      // The server would run them, too, in silence: here there are terminals and panels.
-      executeCommand: (name, given) => carryOut(name, given, pages, casesOf),
     },
   };
 }

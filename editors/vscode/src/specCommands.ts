@@ -1,4 +1,4 @@
-/** The commands of the lenses: what the language server would run in silence gets a place to be seen. */
+/** The commands about the spec in the editor: each is a command line, whose output gets a place to be seen. */
 
 import { basename } from "node:path";
 import * as vscode from "vscode";
@@ -10,18 +10,17 @@ import type { SpecCase } from "./server";
 /** Tells the cases of a spec. */
 export type CasesOf = (uri: vscode.Uri) => Promise<readonly SpecCase[]>;
 
-/** Carry out a command of the server, if it is one about a spec; nothing is done without a spec. */
+/** Carry out a command; nothing is done without a spec. */
 export async function carryOut(
   name: string,
-  given: readonly unknown[],
   pages: Pages,
   casesOf: CasesOf,
 ): Promise<void> {
-  const about = (given[0] as SpecCommand | undefined) ?? (await openSpec(casesOf));
-  const words = about && argumentsOf(name, about);
-  if (about === undefined || words === undefined) {
+  const about = await openSpec(casesOf);
+  if (about === undefined) {
     return;
   }
+  const words = argumentsOf(name, about);
   // The command line reads files.
   await vscode.workspace.saveAll(false);
   const title = [basename(about.file), about.case].filter(Boolean).join(" ");

@@ -35,13 +35,12 @@ test("without setup files no shell is needed", () => {
   assert.deepEqual(withSetup(["r2bspec", "lsp"], []), ["r2bspec", "lsp"]);
 });
 
-test("commands of lenses are command lines", () => {
-  const about = { file: "/robot/a.r2b.yaml", case: "threads=2", node: "camera" };
+test("commands about a spec are command lines", () => {
+  const about = { file: "/robot/a.r2b.yaml", case: "threads=2" };
   assert.deepEqual(argumentsOf("r2bspec.smoke", about), [
     "run", "--smoke", "/robot/a.r2b.yaml", "--case", "threads=2",
   ]);
   assert.deepEqual(argumentsOf("r2bspec.recordInterfaces", { ...about, case: "" }), [
-    "interfaces", "/robot/a.r2b.yaml", "--node", "camera",
+    "interfaces", "/robot/a.r2b.yaml",
   ]);
-  assert.equal(argumentsOf("editor.other", about), undefined);
 });

@@ -24,7 +24,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     install_package(
         folder / "install",
         "cell_vision",
-        {"launch/cell.launch.py": ""},
+        {},
         ["detect"],
         rclcpp_components="cell_vision::Detector;lib/libdetector.so\n",
         rosidl_interfaces="msg/Found.msg\nmsg/Found.idl\nsrv/Ask.srv\n",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import yaml
 from lsprotocol import types
 from pygls.exceptions import JsonRpcException
 
-from open_document import NODES, SPEC, UNKNOWN, OpenDocument, changed, edited
+from open_document import NODES, SPEC, OpenDocument, changed
 
 pytestmark = pytest.mark.asyncio(loop_scope="session")
 
@@ -35,14 +34,6 @@ async def test_what_is_offered(
     details = {name: items[name].detail for name in offered if name in items}
     assert details.keys() == offered.keys()
     assert details == {name: text or details[name] for name, text in offered.items()}
-
-
-async def test_values_of_the_cases_of_a_matrix(document: OpenDocument) -> None:
-    matrix = "matrix:\n  axes: {threads: [2, 8]}\n  exclude: [{threads: ¦}]\n"
-    await document.write(SPEC + matrix.replace("¦", "8"))
-    assert {"2", "8"} <= set(await document.labels(SPEC + matrix))
-    items = await document.labels(SPEC + matrix.replace("threads: ¦", "¦"))
-    assert items["threads"].detail == "2, 8"
 
 
 def text_edit(item: types.CompletionItem) -> types.TextEdit:
@@ -101,42 +92,6 @@ async def test_keys_that_begin_on_the_line_of_their_map(document: OpenDocument) 
     items = await document.labels(f"{SPEC}transport: ¦\n")
     assert text_edit(items["segment"]).new_text.startswith("\n  segment:")
     assert "inherit" in items
-
-
-WRITTEN = (
-    ("data_loader:\n  ", "bag"),
-    ("", "r2b_storage"),
-    ("\n  topics:\n    ", "/d455_1_rgb_image"),
-    ("camera/image\ngraph:\n  nodes:\n    relay:\n      ", "python"),
-    ("", "r2bspec.nodes.RelayNode"),
-    ("\n      remappings:\n        ", "output"),
-    ("copied\nplayback:\n  inputs:\n    input:\n      ", "from"),
-    ("", "camera/image"),
-    ("\n      ", "format"),
-    ("", "sensor_msgs/msg/Image"),
-    ("\nmonitors:\n  copies:\n    ", "topic"),
-    ("", "copied"),
-    ("\n    ", "format"),
-    ("", "sensor_msgs/msg/Image"),
-    ("\nbenchmark:\n  ", "duration"),
-    ("", "2.5 s"),
-    ("\n  ", "rates"),
-    ("[10 Hz]\nslos:\n  fast:\n    ", "at"),
-    ("", "10 Hz"),
-    ("\n    require:\n      - ", "latency.p90"),
-)
-"""What a user types before each proposal that is accepted; names of one's own have no proposal."""
-
-
-async def test_a_whole_spec_is_written_with_completion_alone(document: OpenDocument) -> None:
-    """From an empty text, with what is offered at each place, to a spec without errors."""
-    text = "r2bspec: 1\nname: written\n"
-    for typed, label in WRITTEN:
-        items = await document.labels(f"{text}{typed}¦\n")
-        assert label in items, (typed, sorted(items))
-        text = edited(text + typed, [text_edit(items[label])])
-    await document.write(f"{text} < 250 ms\n")
-    assert {code: each.message for code, each in document.found().items()} == {}
 
 
 @pytest.mark.parametrize(("old", "new", "sentences"), rows("said"))
@@ -250,24 +205,6 @@ async def test_all_safe_fixes_at_once(document: OpenDocument) -> None:
     assert fix.kind == types.CodeActionKind.SourceFixAll
     await document.apply(fix.edit)
     assert document.text == SPEC
-
-
-async def test_what_a_node_publishes_is_declared(document: OpenDocument) -> None:
-    position = await document.write(changed("    relay:", "    rel¦ay:"))
-    offered = await document.actions(types.Range(position, position))
-    await document.apply(offered["Declare what 'relay' publishes"].edit)
-    assert "      publishes:\n        output: sensor_msgs/msg/Image\n" in document.text
-    assert document.worse() == []
-
-
-async def test_the_interface_of_an_unknown_node_is_recorded(document: OpenDocument) -> None:
-    position = await document.write(changed("monitors:\n", UNKNOWN.replace("other:", "oth¦er:")))
-    offered = await document.actions(types.Range(position, position))
-    record = offered["Record the interface of 'other' (starts the node once)"]
-    # lsprotocol reads an action that has a command, and no edit, as a command with a text.
-    command = ast.literal_eval(str(record.command))
-    assert command["command"] == "r2bspec.recordInterfaces"
-    assert command["arguments"] == [{"file": str(document.path), "node": "other"}]
 
 
 async def test_parameters_are_proposed_beside_a_file(document: OpenDocument) -> None:

@@ -92,19 +92,6 @@ async def test_the_findings_of_a_document_end_when_it_is_closed(
         await document.client.wait_for_notification(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
 
 
-async def test_a_lens_runs_the_command_line(document: OpenDocument) -> None:
-    document.path.write_text(SPEC)
-    await document.write(SPEC)
-    lenses = {lens.title: lens for lens in await document.lenses()}
-    assert list(lenses) == ["run", "smoke", "plan", "graph"]
-    plan = lenses["plan"]
-    before = len(document.client.messages)
-    await document.client.workspace_execute_command_async(
-        types.ExecuteCommandParams(plan.command, list(plan.arguments or ()))
-    )
-    assert "exit status 0" in document.client.messages[before].message
-
-
 async def cases_of(client: VersionedClient, uri: str) -> object:
     send = client.protocol.send_request_async
     return await send("r2bspec/cases", {"uri": uri})  # type: ignore[no-untyped-call]
