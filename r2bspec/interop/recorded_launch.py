@@ -1,9 +1,9 @@
 """What recorded launch actions start: nodes, components, containers, programs, included files.
 
 Actions are performed in order, as launch does: launch arguments get their values, functions are
-called, groups pass on their namespace, remappings, parameters and environment. What launch does
-around a process, such as starting it again, is noted as a change; what has no form in a spec, as
-lost.
+called, groups pass on their namespace, remappings, parameters and environment, and included files
+in Python are executed. What launch does around a process, such as starting it again, is noted as a
+change; what has no form in a spec, as lost.
 """
 
 from __future__ import annotations
@@ -15,30 +15,24 @@ from pathlib import Path
 from typing import Any, Final
 
 from r2bspec.interop.launch_texts import CONFIGURATIONS, evaluate, perform
+from r2bspec.interop.recording import ContainerAction, IncludeAction, NodeAction, NoteKind
 from r2bspec.interop.stand_ins import CopiedEnvironment, Recorded, Recording
 
 _CONTAINERS: Final = frozenset(
     {"component_container", "component_container_mt", "component_container_isolated"}
 )
-_ENDING: Final = frozenset({"spawner", "unspawner", "spawn_entity.py", "create"})
-"""Programs of ros2_control and Gazebo that prepare a simulation and end."""
-_OUTPUT: Final = frozenset(
+_KEYWORDS: Final = frozenset(
     {
+        *("package", "executable", "plugin", "name", "namespace", "parameters", "remappings"),
+        *("arguments", "ros_arguments", "extra_arguments", "composable_node_descriptions"),
+        *("cmd", "shell", "prefix", "env", "additional_env", "autostart", "condition"),
+        # Of these, a run decides itself: where output goes, and how a process is ended.
         *("output", "output_format", "emulate_tty", "log_cmd", "cached_output", "exec_name"),
         *("sigterm_timeout", "sigkill_timeout", "respawn_delay", "respawn_max_retries"),
+        *("respawn", "on_exit"),
     }
 )
-"""Keywords about where output goes and how a process is ended, which a run decides itself."""
-_PROCESS: Final = _OUTPUT | {"prefix", "env", "additional_env", "respawn", "on_exit", "condition"}
-_ROS: Final = frozenset({"package", "name", "namespace", "parameters", "remappings", "condition"})
-_NODE: Final = _PROCESS | _ROS | {"executable", "arguments", "ros_arguments", "autostart"}
-_KNOWN: Final = {
-    "ExecuteProcess": _PROCESS | {"cmd", "name", "shell"},
-    "ExecuteLocal": _PROCESS | {"cmd", "name", "shell"},
-    "ComposableNodeContainer": _NODE | {"composable_node_descriptions"},
-    "ComposableNode": _ROS | {"plugin", "extra_arguments"},
-    "LifecycleComposableNode": _ROS | {"plugin", "extra_arguments", "autostart"},
-}
+"""The keywords of processes and components that are read, or that are no matter of a spec."""
 _NOTHING: Final = frozenset({"LogInfo", "Log", "ReadyToTest", "Shutdown"})
 _STATES: Final = {"configure": "inactive", "1": "inactive", "activate": "active", "3": "active"}
 """What a transition of lifecycle_msgs leads to, by its name or number."""
@@ -58,20 +52,18 @@ class LaunchRecorder:
     """Performs recorded actions.
 
     Attributes:
-        nodes, containers, includes: maps, as the classes of `recording`.
+        nodes, containers, includes: what the actions start.
         arguments: default values of the launch arguments, by name; None without one.
-        always_expands: whether every included file is; otherwise those that load components.
     """
 
-    def __init__(self, recording: Recording, *, always_expands: bool) -> None:
+    def __init__(self, recording: Recording) -> None:
         self.recording = recording
-        self.always_expands = always_expands
-        self.nodes: list[dict[str, Any]] = []
-        self.containers: list[dict[str, Any]] = []
-        self.includes: list[dict[str, Any]] = []
+        self.nodes: list[NodeAction] = []
+        self.containers: list[ContainerAction] = []
+        self.includes: list[IncludeAction] = []
         self.arguments: dict[str, str | None] = {}
-        self._sources: list[tuple[Any, dict[str, Any]]] = []
-        self._targets: list[tuple[dict[str, Any], Any]] = []
+        self._made: list[tuple[Recorded, NodeAction | ContainerAction]] = []
+        self._targets: list[tuple[NodeAction, Any]] = []
         self._transitions: list[tuple[Recorded, Any, str]] = []
 
     def perform_all(self, actions: Any) -> None:
@@ -109,7 +101,7 @@ class LaunchRecorder:
     def _not_known(self, action: Recorded, why: str) -> None:
         """Note an action that is not understood: its module may be missing."""
         known = action._name.partition(".")[0] in {"launch", "launch_ros", "launch_testing"}
-        kind = "lost" if known else "missing"
+        kind: NoteKind = "lost" if known else "missing"
         self.recording.note(kind, f"{action._name} {why}", action._place)
 
     def _declare(self, action: Recorded, _: _Scope) -> None:
@@ -126,9 +118,6 @@ class LaunchRecorder:
 
     def _configure(self, action: Recorded, _: _Scope) -> None:
         CONFIGURATIONS[perform(action._get("name", 0))] = perform(action._get("value", 1))
-
-    def _unset(self, action: Recorded, _: _Scope) -> None:
-        CONFIGURATIONS.pop(perform(action._get("name", 0)), None)
 
     def _group(self, action: Recorded, scope: _Scope) -> _Scope:
         before = dict(CONFIGURATIONS)
@@ -154,24 +143,14 @@ class LaunchRecorder:
         return self._visit_all(action._get("actions"), scope)
 
     def _handler(self, action: Recorded, scope: _Scope) -> _Scope:
-        """Return what an event handler starts when another process starts, ends or prints."""
+        """Follow the transitions of lifecycle nodes; what else handlers start is lost."""
         event = action._get("event_handler", 0)
-        keywords = event._kwargs if isinstance(event, Recorded) else {}
-        states = {"start_state", "goal_state", "matcher", "handle_once"}
-        actions = [
-            part
-            for key, value in keywords.items()
-            if not key.startswith("target") and key not in states
-            for part in listed(value)
-        ]
         kind = event._kind if isinstance(event, Recorded) else ""
-        if kind == "OnStateTransition" and all(map(_is_quiet_or_change, actions)):
-            return self._visit_all(actions, scope)
-        if kind == "OnProcessStart" and all(isinstance(part, Recorded) for part in actions):
-            what = "what an event handler starts after another process is started with it"
-            self._change(what, action)
-            return self._visit_all(actions, scope)
-        if actions and all(map(_is_quiet, actions)):
+        keywords = event._kwargs if isinstance(event, Recorded) else {}
+        starts = [*listed(keywords.get("entities")), *listed(keywords.get("on_exit"))]
+        if kind == "OnStateTransition" and all(map(_is_quiet_or_change, starts)):
+            return self._visit_all(starts, scope)
+        if starts and all(map(_is_quiet, starts)):
             self._change("what an event handler does is left out: it starts nothing", action)
         else:
             self._lose("what an event handler starts is left out", action)
@@ -192,11 +171,12 @@ class LaunchRecorder:
         """Give lifecycle nodes the state into which the file brings them."""
         for action, target, transition in self._transitions:
             state = _STATES.get(transition)
-            nodes = [node for source, node in self._sources if source is target]
+            nodes = [node for source, node in self._made if source is target]
             if state is None or not nodes:
                 self._lose("a transition of a lifecycle node is not known", action)
             for node in nodes:
-                node["lifecycle"] = "active" if node["lifecycle"] == "active" else state or ""
+                if isinstance(node, NodeAction) and node.lifecycle != "active":
+                    node.lifecycle = state or ""
 
     def _description(self, action: Recorded, scope: _Scope) -> _Scope:
         scope = self._visit_all(action._get("initial_entities", 0), scope)
@@ -204,7 +184,7 @@ class LaunchRecorder:
 
     def _set(self, action: Recorded, scope: _Scope) -> _Scope:
         """Change what applies to the actions after this."""
-        first, second = action._get("name", 0), action._get("value", 1)
+        name, value = perform(action._get("name", 0)), action._get("value", 1)
         match action._kind:
             case "PushRosNamespace" | "PushROSNamespace":
                 namespace = perform(action._get("namespace", 0))
@@ -213,48 +193,36 @@ class LaunchRecorder:
                 node, _, source = perform(action._get("src", 0)).rpartition(":")
                 rule = (node, source, perform(action._get("dst", 1)))
                 return replace(scope, remappings=(*scope.remappings, rule))
-            case "SetParameter" | "SetUseSimTime":
-                name = perform(first) if action._kind == "SetParameter" else "use_sim_time"
-                value = second if action._kind == "SetParameter" else action._get("value", 0)
+            case "SetParameter":
                 given = {name: parameter_value(value)}
                 return replace(scope, parameters=(*scope.parameters, given))
-            case "SetParametersFromFile":
-                if action._kwargs.keys() - {"filename", "condition"}:
-                    self._lose("a parameter file for some nodes", action)
-                file = perform(action._get("filename", 0))
-                return replace(scope, parameters=(*scope.parameters, file))
-            case "SetROSLogDir":
-                first, second = "ROS_LOG_DIR", action._get("new_log_dir", 0)
-        variable = {perform(first): perform(second)}
-        return replace(scope, environment=scope.environment | variable)
+        return replace(scope, environment=scope.environment | {name: perform(value)})
 
     def _node(self, action: Recorded, scope: _Scope) -> None:
-        if perform(action._get("executable")) in _CONTAINERS:
+        executable = perform(action._get("executable"))
+        if executable in _CONTAINERS:
             self._container(action, scope)
             return
-        self._check_keywords(action, _NODE)
-        node = self._described(action, scope)
-        node["executable"] = perform(action._get("executable"))
-        node["arguments"] = self._arguments(action)
-        node |= self._process(action, scope)
-        if not node["package"] or not node["executable"]:
+        described = self._described(action, scope) | self._process(action, scope)
+        arguments = self._arguments(action)
+        node = NodeAction(**described, executable=executable, arguments=arguments)
+        if not node.package or not executable:
             self._lose(f"{action._kind} has no package or no executable", action)
         if action._get("name") is None:
             self._change(
-                f"the file gives {node['executable']!r} no name, so its nodes keep those of their "
-                "code; here it is the key of the node, by which parameter files must name it",
+                f"the file gives {executable!r} no name, so its nodes keep those of their code; "
+                "here it is the key of the node, by which parameter files must name it",
                 action,
             )
-        if node["executable"] in _ENDING:
-            self._change(
-                f"{node['executable']!r} ends when it has done its work, and a run fails when a "
-                "process ends: write it as a step of 'after_ready'",
-                action,
-            )
+        self._add(action, node)
+
+    def _add(self, action: Recorded, node: NodeAction) -> None:
+        is_autostarted = perform(action._get("autostart")).lower() in {"true", "1"}
+        node.lifecycle = "active" if is_autostarted else ""
         self.nodes.append(node)
+        self._made.append((action, node))
 
     def _program(self, action: Recorded, scope: _Scope) -> None:
-        self._check_keywords(action, _KNOWN["ExecuteProcess"])
         command = [perform(word) for word in listed(action._get("cmd", 0))]
         if not command:
             self._lose(f"the command line of {action._kind} is not known", action)
@@ -262,32 +230,36 @@ class LaunchRecorder:
         if action._get("shell") not in {None, False}:
             command = ["sh", "-c", " ".join(command)]
         name = perform(action._get("name")) or command[0].rpartition("/")[2] or "process"
-        node = {"name": name, "place": action._place, "command": command, "lifecycle": ""}
-        self.nodes.append(node | self._process(action, scope))
+        process = self._process(action, scope)
+        self.nodes.append(NodeAction(name=name, place=action._place, command=command, **process))
 
     def _composed(self, action: Recorded, scope: _Scope) -> None:
         container = self._container(action, scope)
         descriptions = action._get("composable_node_descriptions")
-        self._components(descriptions, scope, container["name"], action)
+        self._components(descriptions, scope, container.name, action)
 
-    def _container(self, action: Recorded, scope: _Scope) -> dict[str, Any]:
-        self._check_keywords(action, _KNOWN["ComposableNodeContainer"])
+    def _container(self, action: Recorded, scope: _Scope) -> ContainerAction:
+        described = self._described(action, scope)
         name = perform(action._get("name")) or "container"
-        namespace = _joined(scope.namespace, perform(action._get("namespace")))
         executable = perform(action._get("executable")) or "component_container"
         if executable not in _CONTAINERS:
             self._lose(f"{executable!r} is no known container", action)
             executable = "component_container_mt"
-        full = f"{_absolute(namespace)}/{name}"
-        if any(container["name"] == name for container in self.containers):
+        full = f"{described['namespace']}/{name}"
+        if any(container.name == name for container in self.containers):
             name = full.strip("/").replace("/", "_")
-        described = self._described(action, scope)
-        keys: dict[str, Any] = {"name": name, "full_name": full, "executable": executable}
-        keys |= {"place": action._place, "arguments": self._arguments(action)}
-        container = keys | self._process(action, scope)
-        container |= {name: described[name] for name in ("parameters", "remappings")}
+        container = ContainerAction(
+            name=name,
+            full_name=full,
+            executable=executable,
+            place=action._place,
+            arguments=self._arguments(action),
+            parameters=described["parameters"],
+            remappings=described["remappings"],
+            **self._process(action, scope),
+        )
         self.containers.append(container)
-        self._sources.append((action, container))
+        self._made.append((action, container))
         return container
 
     def _load(self, action: Recorded, scope: _Scope) -> None:
@@ -303,63 +275,53 @@ class LaunchRecorder:
             if not action._kind.endswith("ComposableNode"):
                 self._not_known(action, "makes a node that is not known")
                 continue
-            self._check_keywords(action, _KNOWN.get(action._kind, _NODE))
-            node = self._described(action, scope)
-            node |= {"plugin": perform(action._get("plugin")), "container": container}
+            described, plugin = self._described(action, scope), perform(action._get("plugin"))
+            node = NodeAction(**described, plugin=plugin, container=container)
             for extra in listed(action._get("extra_arguments")):
-                node["extra_arguments"] |= parameter_value(extra)
-            self.nodes.append(node)
+                node.extra_arguments |= parameter_value(extra)
+            self._add(action, node)
             if not container:
                 self._targets.append((node, target))
 
     def _place_components(self) -> None:
         """Give the components that are loaded into another container the name of that one."""
         for node, target in self._targets:
-            same = [container for source, container in self._sources if source is target]
             named = target if isinstance(target, str) else perform(target._get("name"))
-            last = named.rpartition("/")[2]
-            full = f"/{named.strip('/')}"
-            same = same or [each for each in self.containers if each["full_name"] == full]
-            last_names = [each["full_name"].rpartition("/")[2] for each in self.containers]
-            if not same and last_names.count(last) == 1:
-                same = [self.containers[last_names.index(last)]]
-            node["container"] = same[0]["name"] if same else last
+            last, full = named.rpartition("/")[2], f"/{named.strip('/')}"
+            same = [made for source, made in self._made if source is target]
+            same = same or [each for each in self.containers if each.full_name == full]
+            if not same:
+                ends = [each for each in self.containers if each.full_name.endswith(f"/{last}")]
+                same += ends if len(ends) == 1 else []
+            node.container = same[0].name if same else last
             if not same:
                 what = f"the container {last!r} is started elsewhere; here it is one of the spec"
-                self.recording.note("changed", what, node["place"])
+                self.recording.note("changed", what, node.place)
 
     def _described(self, action: Recorded, scope: _Scope) -> dict[str, Any]:
-        """Return what all nodes have."""
+        """Return what nodes and containers have."""
         plugin, executable = perform(action._get("plugin")), perform(action._get("executable"))
-        name = perform(action._get("name")) or plugin.rpartition("::")[2] or executable
         namespace = _joined(scope.namespace, perform(action._get("namespace")))
-        own = [
-            (perform(pair[0]), perform(pair[1])) if isinstance(pair, list | tuple) else pair
-            for pair in listed(action._get("remappings"))
-        ]
-        for pair in own:
+        name = perform(action._get("name")) or plugin.rpartition("::")[2] or executable
+        remappings = [(old, new) for node, old, new in scope.remappings if node in {"", name}]
+        for pair in listed(action._get("remappings")):
             if isinstance(pair, Recorded):
                 self._lose(f"{pair._what()}, a remapping, is not known", action)
-        is_autostarted = perform(action._get("autostart")).lower() in {"true", "1"}
-        node = {
+            elif all(names := (perform(pair[0]), perform(pair[1]))):
+                remappings.append(names)
+        self._check_keywords(action)
+        return {
             "name": name,
             "place": action._place,
             "package": perform(action._get("package")),
             "namespace": _absolute(namespace),
             "parameters": [*scope.parameters, *map(_source, listed(action._get("parameters")))],
-            "remappings": [
-                *((source, target) for of, source, target in scope.remappings if of in {"", name}),
-                *(pair for pair in own if isinstance(pair, tuple) and all(pair)),
-            ],
-            "extra_arguments": {},
-            "lifecycle": "active" if is_autostarted else "",
+            "remappings": remappings,
         }
-        self._sources.append((action, node))
-        return node
 
-    def _check_keywords(self, action: Recorded, known: Iterable[str]) -> None:
+    def _check_keywords(self, action: Recorded) -> None:
         for key, value in action._kwargs.items():
-            if key not in known and value is not None:
+            if key not in _KEYWORDS and value is not None:
                 self._lose(f"{key!r} of {action._kind} has no form in a spec", action)
 
     def _arguments(self, action: Recorded) -> list[str]:
@@ -368,6 +330,8 @@ class LaunchRecorder:
         return [*words, *(["--ros-args", *ros] if ros else [])]
 
     def _process(self, action: Recorded, scope: _Scope) -> dict[str, Any]:
+        """Return what all processes have."""
+        self._check_keywords(action)
         environment = dict(scope.environment)
         for key in ("env", "additional_env"):
             given = action._get(key)
@@ -396,58 +360,32 @@ class LaunchRecorder:
             source = source._get("location", 0, source._get("launch_file_path"))
         path, given = perform(source), action._get("launch_arguments", 1) or []
         pairs = list(given.items()) if isinstance(given, dict) else listed(given)
-        arguments = {perform(pair[0]): perform(pair[1]) for pair in pairs}
-        inside = self._expanded(Path(path), arguments, scope, action) if path else None
-        CONFIGURATIONS.update(arguments)
-        if inside is not None:
-            return inside
+        CONFIGURATIONS.update({perform(pair[0]): perform(pair[1]) for pair in pairs})
+        if path.endswith(".py") and Path(path).is_file():
+            name = f"included_{len(self.recording.trees)}"
+            module = self.recording.execute(Path(path), name)
+            return self._visit_all(module.generate_launch_description(), scope)
         if scope.parameters:
             self._lose("parameters that are set for an included launch file", action)
-        include = {
-            "place": action._place,
-            "path": path,
-            "arguments": dict(CONFIGURATIONS) if self.always_expands else arguments,
-            "namespace": _absolute(scope.namespace),
-            "remappings": [(source, target) for _, source, target in scope.remappings],
-            "environment": scope.environment,
-        }
-        self.includes.append(include)
-        return None
-
-    def _expanded(
-        self, file: Path, arguments: dict[str, str], scope: _Scope, action: Recorded
-    ) -> _Scope | None:
-        """Perform the actions of an included file in Python; None to keep it as a launch file."""
-        if file.suffix != ".py" or not file.is_file():
-            return None
-        before, notes = dict(CONFIGURATIONS), dict(self.recording.notes)
-        lists: tuple[list[Any], ...] = (self.nodes, self.containers, self.includes, self._targets)
-        lengths = [len(each) for each in lists]
-        try:
-            CONFIGURATIONS.update(arguments)
-            module = self.recording.execute(file, f"included_{len(self.recording.trees)}")
-            made = self._visit_all(module.generate_launch_description(), scope)
-            if self.always_expands or len(self._targets) > lengths[-1]:
-                return made
-        except Exception as error:
-            self._change(f"{file.name} is not expanded: {error}", action)
-            notes = dict(self.recording.notes)
-        for each, length in zip(lists, lengths, strict=True):
-            del each[length:]
-        CONFIGURATIONS.clear()
-        CONFIGURATIONS.update(before)
-        self.recording.notes = notes
+        self.includes.append(
+            IncludeAction(
+                place=action._place,
+                path=path,
+                arguments=dict(CONFIGURATIONS),
+                namespace=_absolute(scope.namespace),
+                remappings=[(old, new) for _, old, new in scope.remappings],
+                environment=scope.environment,
+            )
+        )
         return None
 
 
 _ACTIONS: Final[dict[str, Callable[[LaunchRecorder, Recorded, _Scope], _Scope | None]]] = {
     "DeclareLaunchArgument": LaunchRecorder._declare,
     "SetLaunchConfiguration": LaunchRecorder._configure,
-    "UnsetLaunchConfiguration": LaunchRecorder._unset,
     "GroupAction": LaunchRecorder._group,
     "OpaqueFunction": LaunchRecorder._opaque,
     "TimerAction": LaunchRecorder._timer,
-    "RosTimer": LaunchRecorder._timer,
     "RegisterEventHandler": LaunchRecorder._handler,
     "EmitEvent": LaunchRecorder._event,
     "LaunchDescription": LaunchRecorder._description,
@@ -455,10 +393,7 @@ _ACTIONS: Final[dict[str, Callable[[LaunchRecorder, Recorded, _Scope], _Scope | 
     "PushROSNamespace": LaunchRecorder._set,
     "SetRemap": LaunchRecorder._set,
     "SetParameter": LaunchRecorder._set,
-    "SetUseSimTime": LaunchRecorder._set,
-    "SetParametersFromFile": LaunchRecorder._set,
     "SetEnvironmentVariable": LaunchRecorder._set,
-    "SetROSLogDir": LaunchRecorder._set,
     "Node": LaunchRecorder._node,
     "LifecycleNode": LaunchRecorder._node,
     "ExecuteProcess": LaunchRecorder._program,

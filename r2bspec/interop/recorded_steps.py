@@ -19,10 +19,11 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from r2bspec.interop.launch_texts import perform
-from r2bspec.interop.stand_ins import Place, Recorded, Recording, asks_itself
+from r2bspec.interop.recording import Client, Place, Step
+from r2bspec.interop.stand_ins import Recorded, Recording, asks_itself
 
 _CONVERTERS: Final = {
     "TRTConverter": "/usr/src/tensorrt/bin/trtexec",
@@ -53,8 +54,7 @@ class StepRecorder:
     """Records the steps of a script, and the clients of services and actions that it makes.
 
     Attributes:
-        steps: maps as `recording.Step`.
-        clients: kind, type, name and place of each.
+        clients: by kind and name.
         is_late: whether the benchmark is over.
         existing: files without which the script gives up.
         asked: the files that were asked for, and that exist from now on.
@@ -63,8 +63,8 @@ class StepRecorder:
     def __init__(self, recording: Recording, existing: Iterable[str]) -> None:
         self.recording = recording
         self.existing = frozenset(existing)
-        self.steps: list[dict[str, Any]] = []
-        self.clients: dict[tuple[str, str], tuple[str, Place]] = {}
+        self.steps: list[Step] = []
+        self.clients: dict[tuple[str, str], Client] = {}
         self.is_late = False
         self.asked: set[str] = set()
         self.last: tuple[str, list[Place]] = ("", [])
@@ -157,7 +157,7 @@ class StepRecorder:
         if path and self._is_guarded(places, ast.While):
             self.last = ("", [])
             key = path.rpartition("/")[2].partition(".")[0]
-            self.steps.append({"kind": "ready", "key": key, "file": path, "place": self._place()})
+            self.steps.append(Step(kind="ready", key=key, file=path, place=self._place()))
         else:
             self.recording.note("changed", _SLEEP.format(perform(seconds)))
 
@@ -187,8 +187,10 @@ class StepRecorder:
         if self.is_late:
             self._lose(f"{command[0]}, which runs after the benchmark,")
             return
-        step = {"kind": "setup", "key": key, "command": command, "creates": creates}
-        self.steps.append(step | {"place": self._place()})
+        place = self._place()
+        self.steps.append(
+            Step(kind="setup", key=key, command=command, creates=creates, place=place)
+        )
 
     def _called(self, call: Recorded) -> None:
         """Note the call of a stand-in."""
@@ -232,11 +234,11 @@ class StepRecorder:
         key = f"make_{file.rpartition('/')[2].partition('.')[0]}"
         self._add(key, ["python3", "-c", program], file)
 
-    def _client(self, kind: str, call: Recorded, position: int) -> None:
+    def _client(self, kind: Literal["service", "action"], call: Recorded, position: int) -> None:
         of_type, name = call._get("srv_type", position), call._get("srv_name", position + 1)
         text = of_type._name.replace(".", "/") if isinstance(of_type, Recorded) else ""
         named = name if isinstance(name, str) else ""
-        self.clients.setdefault((kind, named), (text, call._place))
+        self.clients.setdefault((kind, named), Client(kind, text, named, call._place))
 
     def _call_service(self, call: Recorded, client: Recorded) -> None:
         if self.is_late:
@@ -250,10 +252,11 @@ class StepRecorder:
         if known is None or not isinstance(name, str) or not (in_namespace or name[:1] == "/"):
             self._lose("the call of a service whose type or full name is not known")
             return
-        step = {"kind": "after_ready", "key": name.rpartition("/")[2], "place": client._place}
         service = {"name": name, "type": f"{known['package']}/srv/{known['name']}"}
-        request = message_fields(call._get("request", 0))
-        self.steps.append(step | {"service": service | ({"request": request} if request else {})})
+        if request := message_fields(call._get("request", 0)):
+            service["request"] = request
+        key, place = name.rpartition("/")[2], client._place
+        self.steps.append(Step(kind="after_ready", key=key, place=place, service=service))
 
 
 def message_fields(message: Any) -> Any:

@@ -17,10 +17,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+import msgspec
+
 from r2bspec.interop import launch_texts, stand_ins
 from r2bspec.interop.launch_texts import CONFIGURATIONS, perform
 from r2bspec.interop.recorded_launch import LaunchRecorder
 from r2bspec.interop.recorded_steps import StepRecorder
+from r2bspec.interop.recording import Failure, RecordedFile
 from r2bspec.interop.stand_ins import BenchmarkTest, Recorded, Recording, Size
 
 _HOOK_S: Final = 3.0
@@ -40,8 +43,7 @@ def main() -> None:
     launch_texts.start()
     steps = StepRecorder(recording, existing)
     try:
-        made = _launch_file if kind == "launch" else _script
-        recorded = made(recording, steps, file)
+        recorded = (_launch_file if kind == "launch" else _script)(recording, steps, file)
     except BaseException as error:
         missed = steps.last[0]
         if missed and not isinstance(error, SyntaxError | _NotABenchmarkError):
@@ -49,13 +51,17 @@ def main() -> None:
             words = [*sys.argv[1:6], json.dumps([*existing, missed])]
             command = [*sys.orig_argv[: -len(words)], *words]
             os.execv(sys.executable, command)  # noqa: S606 - it has no shell
-        recorded = {"error": _told(recording, error)}
+        recorded = RecordedFile(error=_failure(recording, error))
     folders = {f"{folder}/": f"$(share {name})/" for folder, name in recording.shares.items()}
-    result.write_text(json.dumps(_marked(recorded, folders | {f"{file.parent}/": "$(script)/"})))
+    marks = folders | {f"{file.parent}/": "$(script)/"}
+    result.write_text(json.dumps(_marked(msgspec.to_builtins(recorded), marks)))
 
 
 def _marked(value: Any, folders: Mapping[str, str]) -> Any:
-    """A value in which folders that a spec names in another way are marks, except of places."""
+    """Return a value in which marks take the place of folders that a spec names in another way.
+
+    Places in files stay.
+    """
     if isinstance(value, dict):
         of_files = {"place", "config_place", "files", "shares"}
         return {
@@ -70,7 +76,7 @@ def _marked(value: Any, folders: Mapping[str, str]) -> Any:
     return value
 
 
-def _told(recording: Recording, error: BaseException) -> dict[str, Any]:
+def _failure(recording: Recording, error: BaseException) -> Failure:
     """Return the error with the line of the project where it comes from."""
     lines = [
         (frame.filename, frame.lineno or 1)
@@ -80,26 +86,26 @@ def _told(recording: Recording, error: BaseException) -> dict[str, Any]:
     place = lines[-1] if lines else (str(recording.main), 1)
     if isinstance(error, SyntaxError):
         place = (error.filename or place[0], error.lineno or 1)
-        return {"place": place, "message": f"invalid Python: {error.msg}", "kind": "syntax"}
+        return Failure(place, f"invalid Python: {error.msg}", "syntax")
     if isinstance(error, _NotABenchmarkError):
-        return {"place": place, "message": str(error), "kind": "other"}
+        return Failure(place, str(error), "other")
     message = f"{type(error).__name__}: {error}".split("\n", 1)[0]
-    return {"place": place, "message": message, "kind": "raised"}
+    return Failure(place, message, "raised")
 
 
-def _launch_file(recording: Recording, steps: StepRecorder, file: Path) -> dict[str, Any]:
+def _launch_file(recording: Recording, steps: StepRecorder, file: Path) -> RecordedFile:
     module = recording.execute(file, "launch_file")
     if not hasattr(module, "generate_launch_description"):
         raise _NotABenchmarkError("the file has no generate_launch_description")
-    launch = LaunchRecorder(recording, always_expands=True)
+    launch = LaunchRecorder(recording)
     launch.perform_all(module.generate_launch_description())
     for step in steps.steps:
-        what = f"what {step.get('command', ['it'])[0]} does before the launch"
-        recording.note("lost", what, step["place"])
+        what = f"what {(step.command or ['it'])[0]} does before the launch"
+        recording.note("lost", what, step.place)
     return _parts(recording, launch)
 
 
-def _script(recording: Recording, steps: StepRecorder, file: Path) -> dict[str, Any]:
+def _script(recording: Recording, steps: StepRecorder, file: Path) -> RecordedFile:
     module = recording.execute(file, file.stem)
     kind = next(filter(_is_test, vars(module).values()), None)
     if kind is None:
@@ -114,19 +120,17 @@ def _script(recording: Recording, steps: StepRecorder, file: Path) -> dict[str, 
     ]
     made = make(*needed)
     actions = made[0] if isinstance(made, tuple) else made
-    launch = LaunchRecorder(recording, always_expands=False)
+    launch = LaunchRecorder(recording)
     launch.perform_all(actions)
     _run_hooks(recording, steps, kind)
-    return _parts(recording, launch) | {
-        "docstring": module.__doc__ or "",
-        "config": _plain(kind.config._kwargs),
-        "config_place": kind.config._place,
-        "steps": steps.steps,
-        "clients": [
-            {"kind": of, "type": type_name, "name": name, "place": place}
-            for (of, name), (type_name, place) in steps.clients.items()
-        ],
-    }
+    return msgspec.structs.replace(
+        _parts(recording, launch),
+        docstring=module.__doc__ or "",
+        config=_plain(kind.config._kwargs),
+        config_place=kind.config._place,
+        steps=steps.steps,
+        clients=list(steps.clients.values()),
+    )
 
 
 def _is_test(value: Any) -> bool:
@@ -149,8 +153,8 @@ def _run_hooks(recording: Recording, steps: StepRecorder, kind: type[BenchmarkTe
                 getattr(test, name)()
         except Exception as error:
             if not steps.clients:
-                told = _told(recording, error)
-                recording.note("lost", f"the rest of {name}: {told['message']}", told["place"])
+                failure = _failure(recording, error)
+                recording.note("lost", f"the rest of {name}: {failure.message}", failure.place)
     if any(of == "action" for of, _ in steps.clients):
         # The test of such a script sends goals, and does not measure what ros2_benchmark does.
         steps.steps, recording.notes = before
@@ -169,20 +173,17 @@ def _limited() -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, 0)
 
 
-def _parts(recording: Recording, launch: LaunchRecorder) -> dict[str, Any]:
-    return {
-        "nodes": launch.nodes,
-        "containers": launch.containers,
-        "includes": launch.includes,
-        "arguments": launch.arguments,
-        "notes": [
-            {"kind": kind, "reason": reason, "place": place}
-            for kind, reason, place in recording.notes
-        ],
-        "unknown": [{"what": what, "place": place} for what, place in recording.unknown],
-        "files": list(recording.trees),
-        "shares": {package: folder for folder, package in recording.shares.items()},
-    }
+def _parts(recording: Recording, launch: LaunchRecorder) -> RecordedFile:
+    return RecordedFile(
+        nodes=launch.nodes,
+        containers=launch.containers,
+        includes=launch.includes,
+        arguments=launch.arguments,
+        notes=list(recording.notes),
+        unknown=recording.unknown,
+        files=list(recording.trees),
+        shares={package: folder for folder, package in recording.shares.items()},
+    )
 
 
 def _plain(value: Any) -> Any:

@@ -34,12 +34,13 @@ _NOT_SUCH_A_FILE: Final = "R2B704"
 Place = tuple[str, int]
 """A file and a line."""
 Kind = Literal["script", "launch"]
+NoteKind = Literal["lost", "missing", "changed"]
 
 
 class Note(msgspec.Struct, frozen=True):
     """Something that the spec lacks (``lost``, or ``missing`` with its module) or changes."""
 
-    kind: Literal["lost", "missing", "changed"]
+    kind: NoteKind
     reason: str
     place: Place
 

@@ -22,6 +22,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from r2bspec.interop.recording import Note, NoteKind, Place, Unknown
+
 _STAND_INS: Final = frozenset(
     {
         *("ament_index_python", "isaac_ros_benchmark", "isaac_ros_ess", "launch", "launch_pal"),
@@ -34,9 +36,6 @@ _MESSAGES: Final = ("_msgs", "_interfaces", "_srvs")
 _LEVELS_ABOVE: Final = 6
 """Folders above a file in which its project is looked for."""
 
-Place = tuple[str, int]
-"""A file and a line."""
-
 
 class Recording:
     """What is recorded in this process.
@@ -45,8 +44,8 @@ class Recording:
         main: the file that is executed.
         trees: the syntax trees of the files that are executed, by path.
         folders: where modules and packages of the project are looked for.
-        unknown: what is not known: in words, and its place.
-        notes: kind, reason and place; the kinds are those of `recording.Note`.
+        unknown: what is not known.
+        notes: in order, each once.
         shares: the package of each share folder that was asked for.
         answers: methods of stand-ins that have an answer, such as ``perform``.
         on_call: is told of each call.
@@ -56,15 +55,15 @@ class Recording:
         self.main = main
         self.trees: dict[str, ast.Module] = {}
         self.folders = [*list(main.parents)[:_LEVELS_ABOVE], *package_paths]
-        self.unknown: list[tuple[str, Place]] = []
-        self.notes: dict[tuple[str, str, Place], None] = {}
+        self.unknown: list[Unknown] = []
+        self.notes: dict[Note, None] = {}
         self.shares: dict[str, str] = {}
         self.answers: dict[str, Callable[..., Any]] = {}
         self.on_call: Callable[[Recorded], None] = lambda _: None
 
-    def note(self, kind: str, reason: str, place: Place | None = None) -> None:
+    def note(self, kind: NoteKind, reason: str, place: Place | None = None) -> None:
         """Note something once."""
-        self.notes[kind, reason, place or self.place()] = None
+        self.notes[Note(kind, reason, place or self.place())] = None
 
     def places(self) -> Iterator[Place]:
         """Yield the lines of the project that are being executed, innermost first."""
@@ -80,9 +79,10 @@ class Recording:
 
     def mark(self, what: str, place: Place) -> str:
         """Return a text for something unknown."""
-        if (what, place) not in self.unknown:
-            self.unknown.append((what, place))
-        return f"$(unknown {self.unknown.index((what, place))})"
+        unknown = Unknown(what, place)
+        if unknown not in self.unknown:
+            self.unknown.append(unknown)
+        return f"$(unknown {self.unknown.index(unknown)})"
 
     def is_own(self, path: str) -> bool:
         """Return whether a path is in the project or in the share folder of a package."""
