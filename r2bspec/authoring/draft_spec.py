@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as replace_value
 from pathlib import Path
-from typing import NamedTuple
 
 from msgspec.structs import replace
 
@@ -125,10 +124,14 @@ class DraftRecording:
 
 
 @dataclass(slots=True)
-class _Draft:
-    """A spec in the making.
+class Draft:
+    """A spec in the making, of what sources tell.
 
     Attributes:
+        name: of the benchmark.
+        nodes: the nodes; without any, a relay takes their place if there is a recording.
+        recording: the recording; None for a graph with a source of its own.
+        base_dir: the folder of the spec.
         namespace: of the benchmark, absolute and without a slash at its end.
         inputs: topics of the graph that are played, with the recorded topic of each.
         outputs: topics to monitor, with their types.
@@ -422,6 +425,11 @@ class _Draft:
         return topic.removeprefix(inside) if topic.startswith(inside) else topic
 
     def text(self, sources: list[str]) -> str:
+        """Return the spec, with comments about the unknown parts.
+
+        Args:
+            sources: what it was made from, for the comment at its head.
+        """
         top = self._head()
         if self.recording is not None:
             top.add("data_loader", self._data_loader(self.recording))
@@ -560,34 +568,6 @@ class _Draft:
             above = ["'r2bspec gate' also judges: work.graph.p50 <= 105 % of baseline"]
         objective.add("require", requirements, above)
         return Block.of({"keeps_up": objective})
-
-
-class DraftedSpec(NamedTuple):
-    """The text of a spec, and whether it lacks topics of its nodes, because they are not known."""
-
-    text: str
-    lacks_topics: bool
-
-
-def draft_spec(
-    name: str,
-    sources: list[str],
-    nodes: DraftNodes,
-    recording: DraftRecording | None,
-    base_dir: Path,
-) -> DraftedSpec:
-    """Return a spec of the known parts, with comments about the unknown parts.
-
-    Args:
-        name: of the benchmark.
-        sources: what it was made from, for the comment at its head.
-        nodes: the nodes; without any, a relay takes their place if there is a recording.
-        recording: the recording; None for a benchmark of a graph with a source of its own.
-        base_dir: the folder of the spec.
-    """
-    draft = _Draft(name, nodes, recording, base_dir)
-    draft.complete()
-    return DraftedSpec(draft.text(sources), draft.lacks_topics)
 
 
 def _data_topics(recording: DraftRecording | None) -> list[TopicInfo]:

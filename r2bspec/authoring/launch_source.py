@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from r2bspec.authoring.draft_spec import DraftNodes
@@ -51,18 +51,22 @@ class LaunchSource:
     """
 
     file: Path
-    package: str = ""
-    arguments: Mapping[str, str] = field(default_factory=dict)
+    package: str
+    arguments: Mapping[str, str]
 
 
-def find_launch_file(wanted: str) -> LaunchSource:
+def find_launch_file(wanted: str, arguments: Mapping[str, str]) -> LaunchSource:
     """Return a launch file: a path, a package with one launch file, or ``PACKAGE:FILE``.
+
+    Args:
+        wanted: what names it.
+        arguments: values for its launch arguments.
 
     Raises:
         UsageError: there is no such file, or the package has several.
     """
     if is_regular(Path(wanted)):
-        return LaunchSource(Path(wanted))
+        return LaunchSource(Path(wanted), "", arguments)
     package, _, name = wanted.partition(":")
     share = package_share(package) if package and "/" not in package else None
     if share is None:
@@ -81,7 +85,7 @@ def find_launch_file(wanted: str) -> LaunchSource:
         raise UsageError(
             f"package {package!r} has {len(names)} such launch files", hint=f"They are: {known}."
         )
-    return LaunchSource(folder / names[0], package)
+    return LaunchSource(folder / names[0], package, arguments)
 
 
 def add_launch_nodes(

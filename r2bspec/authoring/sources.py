@@ -14,11 +14,11 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from r2bspec.authoring.draft_spec import DraftNodes, DraftRecording, draft_spec
+from r2bspec.authoring.draft_spec import Draft, DraftNodes, DraftRecording
 from r2bspec.authoring.launch_source import add_launch_nodes, find_launch_file
 from r2bspec.bags.recorded_parts import find_parts
 from r2bspec.bags.recorded_times import times_of_bag
@@ -26,7 +26,7 @@ from r2bspec.datasets.catalogue import index, locate
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.execute.processes.prerequisites import domain_of_user
-from r2bspec.interop.spec_text import Block, flow, identifier, unique_name
+from r2bspec.interop.spec_text import Block, identifier, unique_name
 from r2bspec.language.spec import Node
 from r2bspec.language.templates import node_key
 from r2bspec.plan.installed_packages import python_target, top_level_names
@@ -39,9 +39,6 @@ from r2bspec.safe_io.private_files import temporary_folder
 from r2bspec.safe_io.safe_file import is_regular
 
 _SLACK_S = 60.0
-_MAX_SHOWN = 20
-"""Parameters of a node that its comment shows."""
-
 _COMMON_TOPICS = frozenset({"/tf", "/tf_static", "/clock"})
 
 
@@ -95,8 +92,7 @@ def spec_from_sources(name: str, folder: Path, sources: InitSources) -> FirstSpe
         _add_node(draft, sources.node, sources.parameter_file, folder)
         shown.append(f"the node {sources.node}")
     if sources.launch:
-        launch = find_launch_file(sources.launch)
-        launch = replace(launch, arguments=sources.launch_arguments)
+        launch = find_launch_file(sources.launch, sources.launch_arguments)
         findings = add_launch_nodes(draft, launch, folder)
         draft.unknown += [
             f"the environment variable {variable}: set it as where the file is launched"
@@ -110,7 +106,9 @@ def spec_from_sources(name: str, folder: Path, sources: InitSources) -> FirstSpe
     recording = _recording(sources.bag, folder) if sources.bag else None
     if recording is not None:
         shown.append(f"the recording {recording.written}")
-    return FirstSpec(*draft_spec(name, shown, draft, recording, folder), findings)
+    spec = Draft(name, draft, recording, folder)
+    spec.complete()
+    return FirstSpec(spec.text(shown), spec.lacks_topics, findings)
 
 
 def find_node(wanted: str, folder: Path) -> str:
@@ -307,7 +305,7 @@ def add_graph_nodes(draft: DraftNodes, nodes: list[dict[str, Any]]) -> None:
                 f"{node['namespace'].rstrip('/')}/{node['name']} shares its name with another "
                 f"node, which a spec cannot say: here it is {key}, and a run will not find it"
             )
-        draft.nodes.add(key, _entry(node), _comments(node))
+        draft.nodes.add(key, _entry(node))
     draft.is_absolute = True
     started = (
         "how the nodes are started: they are external here, so they must run before a benchmark; "
@@ -337,13 +335,3 @@ def _entry(node: dict[str, Any]) -> Block:
             "qos": Block.of(profiles),
         }
     )
-
-
-def _comments(node: dict[str, Any]) -> list[str]:
-    parameters = node["parameters"].items()
-    shown = {name: entry["default"] for name, entry in parameters if "default" in entry}
-    if not shown:
-        return []
-    lines = [f"  {name}: {flow(value)}" for name, value in list(shown.items())[:_MAX_SHOWN]]
-    more = len(shown) - len(lines)
-    return ["Its parameters:", *lines, *([f"  and {more} more"] if more > 0 else [])]

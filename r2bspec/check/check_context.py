@@ -36,7 +36,6 @@ from r2bspec.plan.topic_plans import direct_bag_topic
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import CompanionFiles, CompanionReader
 from r2bspec.plan.wiring.wiring import NodeWiring, Wiring
-from r2bspec.safe_io.file_search import note_folder
 
 if TYPE_CHECKING:
     from r2bspec.bags.recorded_times import TopicTimes
@@ -149,8 +148,6 @@ class DocumentFiles:
         location = None
         try:
             location = locate(bag, self._base_dir)
-            if location.path is not None:
-                note_folder(location.path)
             return Recording((), location, cached_index(location), None)
         except DataError as error:
             return Recording((), location, None, error)

@@ -27,8 +27,8 @@ from r2bspec.report.output import echo
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.file_search import files_below, matching_files, near_path
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
-from r2bspec.safe_io.looked_up_files import shared_lookups
 from r2bspec.safe_io.safe_file import is_folder
+from r2bspec.safe_io.shared_lookups import shared_lookups
 
 if TYPE_CHECKING:
     from r2bspec.diagnostics.edits import FixResult
@@ -54,7 +54,7 @@ def _expand_path(path: str) -> list[str]:
     if is_folder(place):
         start = "" if place == Path() else str(place)
         return _require_files(
-            files_below(start, ("**", f"*{SUFFIX}"), path),
+            files_below(start, f"*{SUFFIX}"),
             f"the folder {path!r} has no *{SUFFIX} file",
         )
     if os.path.lexists(place):

@@ -48,7 +48,7 @@ def command(clean: bool, runs: Path, output_format: str) -> int:
     --clean removes your shared memory of dead ROS programs, whichever program created it; memory in
     use by a living process is never touched.
     """
-    from r2bspec.doctor.all_checks import examine
+    from r2bspec.doctor.checks import examine
     from r2bspec.doctor.checkup import System, worst_status
     from r2bspec.doctor.leftovers import clean as remove_leftovers
 

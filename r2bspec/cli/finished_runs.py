@@ -74,7 +74,6 @@ def judge_command(
     from r2bspec.record.run_folder import RunFolder
     from r2bspec.report.terminal import show_result
     from r2bspec.report.write_reports import check_targets, takes_stdout, write_reports
-    from r2bspec.safe_io.looked_up_files import looked_up_files
     from r2bspec.safe_io.safe_file import is_there
 
     if run.name == "result.json" and is_there(run.with_name("plan.json")):
@@ -84,9 +83,8 @@ def judge_command(
             raise click.UsageError("--set, --var and --case are for --spec and --suggest")
         result = read_folder(run)
     else:
-        with looked_up_files() as read:
-            other = _load_objectives(SpecSelection(spec, **values))
-        check_targets(reports, read.files)
+        check_targets(reports, [str(spec)])
+        other = _load_objectives(SpecSelection(spec, **values))
         result = read_folder(
             run,
             spec_file=spec,

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -96,22 +95,6 @@ class RunArguments:
         """
         if self.output is None:
             self.refuse("needs the --output of the earlier call", "--resume")
-
-    @contextlib.contextmanager
-    def sparing_inputs(self) -> Iterator[None]:
-        """Count files read in the block as inputs of the run, which no report may replace.
-
-        Raises:
-            ReportUsageError: a report would.
-        """
-        from r2bspec.report.write_reports import check_targets
-        from r2bspec.safe_io.looked_up_files import looked_up_files
-
-        with looked_up_files() as read:
-            try:
-                yield
-            finally:
-                check_targets(self.reports, read.files, self.output)
 
 
 Entry = TypeVar("Entry", bound=SuiteEntry)

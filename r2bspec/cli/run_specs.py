@@ -6,7 +6,7 @@ A single spec is a suite of one, whose folder, report and error are those of the
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,7 +29,7 @@ from r2bspec.report.notes import notes
 from r2bspec.report.output import echo, echo_json
 from r2bspec.report.progress import RemainingTime, shown_progress
 from r2bspec.report.wording import headline
-from r2bspec.report.write_reports import failure, takes_stdout, write_failure_reports
+from r2bspec.report.write_reports import check_targets, failure, takes_stdout, write_failure_reports
 
 if TYPE_CHECKING:
     from r2bspec.cli.run import RunArguments
@@ -76,21 +76,21 @@ def run_specs(entries: Sequence[Entry], runs: Runs[Entry], *, several: bool) -> 
         return suite.run(announcement(entries), _play_all(entries, runs, suite))
 
 
-def prepare_entries(entries: Iterable[SuiteEntry], options: RunArguments, *, several: bool) -> None:
+def prepare_entries(entries: Sequence[SuiteEntry], options: RunArguments, *, several: bool) -> None:
     """Check every spec before anything runs.
 
     Raises:
         R2bspecError: the only spec has an error; that of one of several is kept.
     """
-    with options.sparing_inputs():
-        for entry in entries:
-            with kept_error(entry, several=several):
-                prepared = prepare_and_report(
-                    entry.selection, smoke=options.smoke, infos=options.verbose
-                )
-                entry.name = f"{prepared.plan.name}{entry.suffix}"
-                named = msgspec.structs.replace(prepared.plan, name=entry.name)
-                entry.prepared = replace(prepared, plan=named)
+    check_targets(options.reports, [str(entry.selection.spec) for entry in entries], options.output)
+    for entry in entries:
+        with kept_error(entry, several=several):
+            prepared = prepare_and_report(
+                entry.selection, smoke=options.smoke, infos=options.verbose
+            )
+            entry.name = f"{prepared.plan.name}{entry.suffix}"
+            named = msgspec.structs.replace(prepared.plan, name=entry.name)
+            entry.prepared = replace(prepared, plan=named)
 
 
 @contextlib.contextmanager

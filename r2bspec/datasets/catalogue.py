@@ -160,7 +160,7 @@ def describe(
             count=len(times_ns),
             rate_hz=float(source.rate_hz),
             qos=OFFERED_QOS,
-            max_message_bytes=rig.message_bytes(source),
+            max_message_bytes=source.message_bytes,
             first_ns=sequence.start_ns + times_ns[0] if times_ns else None,
             last_ns=sequence.start_ns + times_ns[-1] if times_ns else None,
         )

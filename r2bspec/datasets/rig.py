@@ -3,10 +3,6 @@
 Frames: the body is x forward, y left, z up; its origin is the IMU. Every camera looks along the
 body's x axis; optical frames are x right, y down, z forward. Pixel (u, v) has its centre at
 whole numbers, as OpenCV has it.
-
-How many bytes a message takes is known without rendering it. CDR aligns every number to its own
-size, counted from after the 4 bytes of encapsulation; strings and sequences carry a 4-byte length,
-strings a closing zero.
 """
 
 from __future__ import annotations
@@ -63,11 +59,16 @@ class Lidar(msgspec.Struct, frozen=True):
 
 
 class TopicSource(msgspec.Struct, frozen=True):
-    """A topic of a sequence and the sensor that fills it."""
+    """A topic of a sequence and the sensor that fills it.
+
+    Attributes:
+        message_bytes: the size of every message as CDR, which is known without rendering it.
+    """
 
     name: str
     type: str
     rate_hz: int
+    message_bytes: int
     frame_id: str
     camera: Camera | None = None
     lidar: Lidar | None = None
@@ -135,27 +136,28 @@ _IMU_HZ = 200
 _LIDAR_HZ = 10
 
 
-def _image_topics(prefix: str, camera: Camera) -> tuple[TopicSource, TopicSource]:
+def _image_topics(prefix: str, camera: Camera, image_bytes: int) -> tuple[TopicSource, TopicSource]:
+    frame = camera.frame_id
     return (
-        TopicSource(f"{prefix}_image", IMAGE, _CAMERA_HZ, camera.frame_id, camera=camera),
-        TopicSource(
-            f"{prefix}_camera_info", CAMERA_INFO, _CAMERA_HZ, camera.frame_id, camera=camera
-        ),
+        TopicSource(f"{prefix}_image", IMAGE, _CAMERA_HZ, image_bytes, frame, camera),
+        TopicSource(f"{prefix}_camera_info", CAMERA_INFO, _CAMERA_HZ, 381, frame, camera),
     )
 
 
 ROBOT_TOPICS: tuple[TopicSource, ...] = (
-    TopicSource("/d455_1_depth", IMAGE, _CAMERA_HZ, DEPTH.frame_id, camera=DEPTH),
-    TopicSource("/d455_1_imu", IMU, _IMU_HZ, IMU_FRAME),
-    *_image_topics("/d455_1_left_ir", LEFT_IR),
-    *_image_topics("/d455_1_right_ir", RIGHT_IR),
-    *_image_topics("/d455_1_rgb", COLOUR),
-    *_image_topics("/hawk_0_left_rgb", LEFT_HAWK),
-    *_image_topics("/hawk_0_right_rgb", RIGHT_HAWK),
-    TopicSource("/pandar_xt_32_0_lidar", POINT_CLOUD, _LIDAR_HZ, PANDAR.frame_id, lidar=PANDAR),
+    TopicSource("/d455_1_depth", IMAGE, _CAMERA_HZ, 1_843_276, DEPTH.frame_id, camera=DEPTH),
+    TopicSource("/d455_1_imu", IMU, _IMU_HZ, 340, IMU_FRAME),
+    *_image_topics("/d455_1_left_ir", LEFT_IR, 921_676),
+    *_image_topics("/d455_1_right_ir", RIGHT_IR, 921_676),
+    *_image_topics("/d455_1_rgb", COLOUR, 3_072_072),
+    *_image_topics("/hawk_0_left_rgb", LEFT_HAWK, 6_912_076),
+    *_image_topics("/hawk_0_right_rgb", RIGHT_HAWK, 6_912_076),
+    TopicSource(
+        "/pandar_xt_32_0_lidar", POINT_CLOUD, _LIDAR_HZ, 1_664_209, PANDAR.frame_id, lidar=PANDAR
+    ),
 )
 HOPE_TOPICS: tuple[TopicSource, ...] = (
-    TopicSource("/image", IMAGE, _CAMERA_HZ, HOPE.frame_id, camera=HOPE),
+    TopicSource("/image", IMAGE, _CAMERA_HZ, 6_220_868, HOPE.frame_id, camera=HOPE),
 )
 # Name, offset and datatype of each field; datatypes are sensor_msgs/PointField's: 7 is float32,
 # 4 is uint16, 8 is float64. The layout is the Hesai driver's, packed.
@@ -170,32 +172,3 @@ CLOUD_FIELDS: tuple[tuple[str, int, int], ...] = (
 CLOUD_POINT_BYTES = 26
 DISTORTION_MODEL = "plumb_bob"
 DISTORTION_TERMS = 5
-
-
-def message_bytes(source: TopicSource) -> int:
-    """Return the size of every message of a topic in bytes, with the encapsulation."""
-    position = 0
-    for field in ((2, 4), source.frame_id, *_fields(source)):
-        count, size = (1, 4) if isinstance(field, str) else field
-        position += -position % size + count * size
-        if isinstance(field, str):
-            position += len(field.encode()) + 1
-    return 4 + position
-
-
-def _fields(source: TopicSource) -> tuple[str | tuple[int, int], ...]:
-    """Return the fields of a message after its header: strings, or count and size of numbers."""
-    if source.type == IMAGE and source.camera is not None:
-        camera = source.camera
-        pixels = camera.width * camera.height * camera.bytes_per_pixel
-        return ((2, 4), camera.encoding, (1, 1), (2, 4), (pixels, 1))
-    if source.type == CAMERA_INFO:
-        matrices = (DISTORTION_TERMS + 9 + 9 + 12, 8)
-        return ((2, 4), DISTORTION_MODEL, (1, 4), matrices, (2 + 4, 4), (1, 1))
-    if source.type == IMU:
-        return ((4 + 9 + 3 + 9 + 3 + 9, 8),)
-    if source.type == POINT_CLOUD and source.lidar is not None:
-        layout = [part for name, _, _ in CLOUD_FIELDS for part in (name, (1, 4), (1, 1), (1, 4))]
-        points = source.lidar.columns * len(source.lidar.elevations_deg) * CLOUD_POINT_BYTES
-        return ((3, 4), *layout, (1, 1), (3, 4), (points + 1, 1))
-    raise ValueError(f"no size is known for {source.type}")

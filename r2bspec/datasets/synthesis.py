@@ -17,7 +17,7 @@ from r2bspec.bags import recording
 from r2bspec.bags.bag_writer import write_bag
 from r2bspec.bags.integrity import ContentHash
 from r2bspec.datasets import catalogue
-from r2bspec.datasets.rig import TopicSource, message_bytes
+from r2bspec.datasets.rig import TopicSource
 from r2bspec.datasets.scenes import find_scene
 from r2bspec.datasets.sensors import render_message
 from r2bspec.safe_io.cache_folder import cache_or_temporary_folder
@@ -62,8 +62,7 @@ def make(
     """Synthesise a dataset, or find it in the cache.
 
     An incomplete dataset in the cache is created again. If another process synthesises the same
-    dataset, this function waits for it. A killed process leaves no incomplete dataset; its files
-    are removed by the next call.
+    dataset, this function waits for it. A killed process leaves no incomplete dataset.
 
     Args:
         dataset: name of a sequence.
@@ -191,7 +190,7 @@ def _build(
                 type=source.type,
                 count=len(times_ns[source]),
                 rate_hz=float(source.rate_hz),
-                max_message_bytes=message_bytes(source),
+                max_message_bytes=source.message_bytes,
             )
             for source in sources
         },

@@ -18,7 +18,7 @@ from r2bspec.fleet.archive import pack
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.prepared_benchmark import SPEC_BESIDE_PLAN, PreparedBenchmark
-from r2bspec.safe_io.file_search import regular_files, walk
+from r2bspec.safe_io.file_search import regular_files
 
 _PLAN_FILE: Final = ".fleet-plan-{}.json"
 _MAX_PATH_CHARACTERS: Final = 4_000
@@ -120,6 +120,6 @@ def _files_at(base_dir: Path, word: str) -> Iterator[Path]:
 
 
 def _files_below(folder: Path) -> Iterator[Path]:
-    for parent, folders, files in walk(folder):
+    for parent, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith((".", "__pycache__")))
-        yield from (parent / name for name in sorted(files))
+        yield from (Path(parent, name) for name in sorted(files))

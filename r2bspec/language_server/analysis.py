@@ -23,8 +23,8 @@ from r2bspec.language.document import Source
 from r2bspec.language.load_spec import LoadedSpec, load_cases
 from r2bspec.language.located_tree import TreeNode
 from r2bspec.language.yaml_document import compose
-from r2bspec.safe_io.looked_up_files import shared_lookups
 from r2bspec.safe_io.safe_file import unsaved_files
+from r2bspec.safe_io.shared_lookups import shared_lookups
 
 
 @dataclass(frozen=True)

@@ -154,7 +154,8 @@ class _Insertion:
     def indented(self, text: str) -> str:
         """Return a text with its further lines inside the items of a list.
 
-        The editor indents them like the first."""
+        The editor indents them like the first.
+        """
         match = _BLOCK.match(self.before) or _AFTER_KEY.match(self.before)
         if match is None:
             return text

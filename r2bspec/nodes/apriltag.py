@@ -31,12 +31,6 @@ class AprilTagNode(ReferenceNode):
         self._size_m = self.declare(
             "size", 0.162, "edge of a tag's black square in metres", positive()
         )
-        self._refinement = self.declare(
-            "corner_refinement",
-            "subpix",
-            "how corners are brought below one pixel",
-            one_of(*tag_poses.REFINEMENTS),
-        )
         self._publisher = self.create_publisher(PoseArray, "detections", QOS_DEPTH)
         self.subscribe_set({"image": Image, "camera_info": CameraInfo}, self._on_pair)
 
@@ -47,7 +41,6 @@ class AprilTagNode(ReferenceNode):
             camera.distortion(info),
             self._family,
             self._size_m,
-            refinement=self._refinement,
         )
         self._publisher.publish(PoseArray(header=image.header, poses=[_pose(tag) for tag in poses]))
 

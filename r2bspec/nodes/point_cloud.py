@@ -8,7 +8,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from stereo_msgs.msg import DisparityImage
 
 from r2bspec.nodes import camera, images, stereo
-from r2bspec.nodes.node_tools import QOS_DEPTH, ReferenceNode, any_bool
+from r2bspec.nodes.node_tools import QOS_DEPTH, ReferenceNode
 
 _FIELDS = tuple(
     PointField(name=name, offset=offset, datatype=PointField.FLOAT32, count=1)
@@ -21,20 +21,14 @@ class PointCloudNode(ReferenceNode):
 
     Subscribes to ``disparity``, ``left/image_rect_color`` and ``left/camera_info``, all with the
     same stamp; publishes ``points2``, as many points as pixels, in the frame and with the header of
-    the disparities. Pixels without a disparity are NaN. With `use_color` false, points are black;
-    the image is still required. All topics are reliable and keep the last 10 messages.
-
-    Raises:
-        ValueError: the value of a parameter is not allowed.
+    the disparities. Pixels without a disparity are NaN. All topics are reliable and keep the last
+    10 messages.
     """
 
     name_by_default = "point_cloud"
 
     def start(self) -> None:
-        """Declare the parameters, and create publishers and subscriptions."""
-        self._use_color = self.declare(
-            "use_color", True, "whether points have the colour of their pixels", any_bool()
-        )
+        """Create publisher and subscriptions."""
         self._publisher = self.create_publisher(PointCloud2, "points2", QOS_DEPTH)
         self.subscribe_set(
             {
@@ -55,8 +49,7 @@ class PointCloudNode(ReferenceNode):
         cloud = stereo.points(
             view, camera.projection(info), disparity.f, disparity.t, disparity.min_disparity
         )
-        if self._use_color:
-            cloud["rgb"] = stereo.colors(images.view(image), image.encoding)
+        cloud["rgb"] = stereo.colors(images.view(image), image.encoding)
         size = stereo.POINT_TYPE.itemsize
         self._publisher.publish(
             PointCloud2(

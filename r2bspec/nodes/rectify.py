@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from sensor_msgs.msg import CameraInfo, Image
 
-from r2bspec.nodes import camera, images, rectification
-from r2bspec.nodes.node_tools import QOS_DEPTH, ReferenceNode, one_of
+from r2bspec.nodes import camera, images
+from r2bspec.nodes.node_tools import QOS_DEPTH, ReferenceNode
 
 
 class RectifyNode(ReferenceNode):
@@ -13,29 +13,20 @@ class RectifyNode(ReferenceNode):
 
     Subscribes to ``image`` and ``camera_info``, paired by stamp; publishes ``image_rect`` and
     ``camera_info_rect``, the camera of the rectified image, with the same headers. All topics are
-    reliable and keep the last 10 messages. `interpolation` has the numbers of image_proc.
-
-    Raises:
-        ValueError: the value of a parameter is not allowed.
+    reliable and keep the last 10 messages.
     """
 
     name_by_default = "rectify"
 
     def start(self) -> None:
-        """Declare the parameters, and create publishers and subscriptions."""
-        self._interpolation = self.declare(
-            "interpolation",
-            1,
-            "0 nearest, 1 linear, 2 cubic, 4 Lanczos over 8x8 pixels",
-            one_of(*rectification.INTERPOLATIONS),
-        )
+        """Create publishers and subscriptions."""
         self._image_publisher = self.create_publisher(Image, "image_rect", QOS_DEPTH)
         self._info_publisher = self.create_publisher(CameraInfo, "camera_info_rect", QOS_DEPTH)
         self.subscribe_set({"image": Image, "camera_info": CameraInfo}, self._on_pair)
 
     def _on_pair(self, image: Image, info: CameraInfo) -> None:
         memory, target = images.allocate(image.encoding, image.height, image.width)
-        rectification.rectify(images.view(image), info, target, self._interpolation)
+        camera.rectify(images.view(image), info, target)
         camera.rectified(info, image.width, image.height)
         self._image_publisher.publish(
             Image(

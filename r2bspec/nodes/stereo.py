@@ -1,8 +1,7 @@
-"""Disparities of rectified stereo images, by OpenCV's block matchers; points in space from them.
+"""Disparities of rectified stereo images, by OpenCV's block matcher; points in space from them.
 
-Parameters have the names and the numbers of stereo_image_proc. Pixel (u, v) with disparity d lies
-at depth Z = f T / d, with the focal length f in pixels and the baseline T in metres, and at
-X = (u - cx) Z / fx, Y = (v - cy) Z / fy of the rectified left camera.
+Pixel (u, v) with disparity d lies at depth Z = f T / d, with the focal length f in pixels and the
+baseline T in metres, and at X = (u - cx) Z / fx, Y = (v - cy) Z / fy of the rectified left camera.
 """
 
 from __future__ import annotations
@@ -16,42 +15,8 @@ from numpy.typing import NDArray
 
 from r2bspec.nodes.images import Pixels, cv2
 
-BLOCK_MATCHING = 0
-SEMI_GLOBAL = 1
-
-# Both matchers return whole sixteenths of a pixel.
+# The matcher returns whole sixteenths of a pixel.
 DISPARITY_STEP_PX = 1.0 / 16.0
-
-
-@dataclass(frozen=True, slots=True)
-class MatcherParameters:
-    """How disparities are found.
-
-    Attributes:
-        algorithm: `BLOCK_MATCHING` or `SEMI_GLOBAL`.
-        window_px: edge of the square that is compared, odd.
-        min_disparity_px: smallest disparity that is tried.
-        range_px: how many disparities are tried, a multiple of 16.
-        prefilter_cap: limit of the filtered brightness.
-        texture_threshold: what a window must contain (block matching).
-        uniqueness_percent: by how much the best match must be better than the second.
-        speckle_px: patches of fewer pixels are left out.
-        speckle_range_px: within which disparities belong to one patch.
-        small_step_cost: of a disparity that differs by one from its neighbour's (semi-global).
-        large_step_cost: of one that differs by more.
-    """
-
-    algorithm: int = BLOCK_MATCHING
-    window_px: int = 15
-    min_disparity_px: int = 0
-    range_px: int = 64
-    prefilter_cap: int = 31
-    texture_threshold: int = 10
-    uniqueness_percent: float = 15.0
-    speckle_px: int = 100
-    speckle_range_px: int = 4
-    small_step_cost: int = 200
-    large_step_cost: int = 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,22 +29,19 @@ class ValidWindow:
     height: int
 
 
-def make_matcher(parameters: MatcherParameters) -> Any:
-    """OpenCV's matcher with these parameters."""
-    matcher: Any
-    if parameters.algorithm == BLOCK_MATCHING:
-        matcher = cv2.StereoBM.create(parameters.range_px, parameters.window_px)
-        matcher.setTextureThreshold(parameters.texture_threshold)
-    else:
-        matcher = cv2.StereoSGBM.create(blockSize=parameters.window_px)
-        matcher.setP1(parameters.small_step_cost)
-        matcher.setP2(parameters.large_step_cost)
-    matcher.setMinDisparity(parameters.min_disparity_px)
-    matcher.setNumDisparities(parameters.range_px)
-    matcher.setPreFilterCap(parameters.prefilter_cap)
-    matcher.setUniquenessRatio(round(parameters.uniqueness_percent))
-    matcher.setSpeckleWindowSize(parameters.speckle_px)
-    matcher.setSpeckleRange(parameters.speckle_range_px)
+def make_matcher(range_px: int, window_px: int) -> Any:
+    """Return OpenCV's block matcher, with the defaults of stereo_image_proc.
+
+    Args:
+        range_px: how many disparities are tried, from 0 on; a multiple of 16.
+        window_px: edge of the square that is compared, odd.
+    """
+    matcher = cv2.StereoBM.create(range_px, window_px)
+    matcher.setPreFilterCap(31)
+    matcher.setTextureThreshold(10)
+    matcher.setUniquenessRatio(15)
+    matcher.setSpeckleWindowSize(100)
+    matcher.setSpeckleRange(4)
     return matcher
 
 
@@ -96,8 +58,7 @@ def disparity(
             has this disparity in the images, and 0 in the result.
 
     Returns:
-        Pixels, shape (height, width). Where none was found, one less than the smallest disparity
-        that is tried, minus the offset.
+        Pixels, shape (height, width). Where none was found, -1 minus the offset.
 
     Raises:
         ValueError: the images differ in size.
@@ -113,15 +74,14 @@ def disparity(
     return disparities
 
 
-def valid_window(parameters: MatcherParameters, width: int, height: int) -> ValidWindow:
+def valid_window(range_px: int, window_px: int, width: int, height: int) -> ValidWindow:
     """Return where a whole window and the whole range of disparities lie inside both images."""
-    half = parameters.window_px // 2
-    left = max(0, parameters.min_disparity_px + parameters.range_px - 1) + half
-    right = width + min(0, parameters.min_disparity_px) - half
+    half = window_px // 2
+    left = range_px - 1 + half
     return ValidWindow(
         x=min(left, width),
         y=min(half, height),
-        width=max(0, right - left),
+        width=max(0, width - half - left),
         height=max(0, height - 2 * half),
     )
 

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from r2bspec.nodes.images import cv2
 
 FAMILIES = ("16h5", "25h9", "36h10", "36h11")
-REFINEMENTS = ("none", "subpix", "contour", "apriltag")
 
 # The published code of each family's tag 0: its inner cells row by row, the first the highest bit.
 _TAG_0 = MappingProxyType(
@@ -51,8 +50,6 @@ def detect(
     distortion: NDArray[np.float64],
     family: str,
     size_m: float,
-    *,
-    refinement: str = "subpix",
 ) -> list[Detection]:
     """Find the tags of one family.
 
@@ -62,23 +59,20 @@ def detect(
         distortion: 0, 4, 5, 8, 12 or 14 coefficients in OpenCV's order.
         family: one of `FAMILIES`.
         size_m: edge of the tag's black square, metres.
-        refinement: how corners are brought below one pixel: one of `REFINEMENTS`.
 
     Returns:
         The detections, by id; those of one id from left to right.
 
     Raises:
-        ValueError: `family` or `refinement` is unknown.
+        ValueError: `family` is unknown.
     """
-    found, ids, _ = _detector(family, refinement).detectMarkers(gray)
+    found, ids, _ = _detector(family).detectMarkers(gray)
     if ids is None:
         return []
     turns = _quarter_turns(family)
-    # This one refinement puts the image's corner, and not its first pixel's centre, at (0, 0).
-    origin_px = 0.5 if refinement == "apriltag" else 0.0
     detections = []
     for tag_id, quad in zip(ids.ravel(), found, strict=True):
-        corners = np.roll(np.array(quad, np.float64).reshape(4, 2) - origin_px, turns, axis=0)
+        corners = np.roll(np.array(quad, np.float64).reshape(4, 2), turns, axis=0)
         position, quaternion = pose(corners, camera_matrix, distortion, size_m)
         corners_px = tuple((float(u), float(v)) for u, v in corners)
         detections.append(Detection(int(tag_id), position, quaternion, corners_px))
@@ -158,11 +152,9 @@ def _dictionary(family: str) -> Any:
 
 
 @cache
-def _detector(family: str, refinement: str) -> Any:
-    if refinement not in REFINEMENTS:
-        raise ValueError(f"corner refinement {refinement!r} is not one of {', '.join(REFINEMENTS)}")
+def _detector(family: str) -> Any:
     parameters = cv2.aruco.DetectorParameters()
-    parameters.cornerRefinementMethod = getattr(cv2.aruco, f"CORNER_REFINE_{refinement.upper()}")
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     # The border of an AprilTag is one cell wide inside and outside of its corners, so a window of
     # half a cell sees nothing but the corner; a smaller one, OpenCV's default, doubles the error
     # of distant tags.

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from r2bspec.plan.installed_packages import top_level_names
 from r2bspec.plan.this_machine import find_module, module_file
 from r2bspec.plan.wiring.python_files import read_python_file
-from r2bspec.safe_io.looked_up_files import shared_lookup
+from r2bspec.safe_io.shared_lookups import shared_lookup
 
 
 @shared_lookup

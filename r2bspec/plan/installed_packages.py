@@ -13,7 +13,7 @@ from r2bspec.plan.this_machine import AMENT_INDEX, PACKAGE_INDEX, ament_prefixes
 from r2bspec.plan.wiring.python_files import source_folder
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.limits import MAX_MANIFEST_BYTES
-from r2bspec.safe_io.looked_up_files import shared_lookup
+from r2bspec.safe_io.shared_lookups import shared_lookup
 
 _VERSION = re.compile(r"<version[^>]*>([^<]{1,100})</version>")
 _STAR_IMPORT = re.compile(r"\bimport\s*\*")

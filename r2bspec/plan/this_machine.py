@@ -20,8 +20,8 @@ import msgspec
 
 from r2bspec.diagnostics.quote import pluralize
 from r2bspec.language.spec import Requires, Scalar
-from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_file import names_if_any
+from r2bspec.safe_io.shared_lookups import shared_lookup
 
 LABELS_VARIABLE: Final = "R2BSPEC_LABELS"
 """The labels of this machine, as ``robot=carter,floor=2``."""

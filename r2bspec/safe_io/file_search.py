@@ -1,25 +1,18 @@
-"""The search for files below a folder: within limits, on one file system, without loops."""
+"""The search for files below a folder, which follows no links, and for a path that was meant."""
 
 from __future__ import annotations
 
-import contextlib
 import fnmatch
 import glob
 import os
-import re
-from collections.abc import Iterator, Sequence
-from itertools import islice
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 from r2bspec.diagnostics.quote import did_you_mean, quote
-from r2bspec.errors import UsageError
-from r2bspec.safe_io.limits import MAX_SEARCHED_ENTRIES, MAX_SEARCHED_FOLDERS
-from r2bspec.safe_io.looked_up_files import is_noting, note_lookup
 from r2bspec.safe_io.safe_file import is_there, names_if_any
 
 _ANY_FOLDERS: Final = "**"
-_MAX_NOTED: Final = 10_000
 _MAX_FOLDERS_UP: Final = 3
 _MAX_FOLDERS_BELOW: Final = 100
 
@@ -28,42 +21,43 @@ def matching_files(pattern: str) -> list[str]:
     """Return the files that match a pattern of the shell, sorted.
 
     ``*``, ``?`` and ``[...]`` stand for parts of a name, and ``**`` for any folders. They find no
-    hidden names, and ``**`` follows no links.
-
-    Raises:
-        UsageError: very much would have to be searched.
+    hidden names, and ``**`` follows no links, so that no link leads in a circle.
     """
-    parts = [part for part in pattern.split("/") if part]
-    found = files_below("/" if pattern.startswith("/") else "", parts, pattern)
-    return [file for file in found if os.path.isfile(file)]  # noqa: PTH113 - may be too long
+    above, any_folders, below = pattern.partition(_ANY_FOLDERS)
+    if not any_folders:
+        return sorted(filter(os.path.isfile, glob.glob(pattern)))  # noqa: PTH207 - as written
+    below = below.lstrip("/") or "*"
+    folders = (
+        folder
+        for root in (glob.glob(above) if above else [""])  # noqa: PTH207
+        for folder, _ in _visible_folders(root)
+    )
+    found = (matching_files(os.path.join(glob.escape(folder), below)) for folder in folders)  # noqa: PTH118
+    return sorted({file for files in found for file in files})
 
 
-def files_below(folder: str, parts: Sequence[str], searched: str) -> list[str]:
-    """Return all but folders below a folder whose path matches the parts of a pattern, sorted.
+def files_below(folder: str, name: str) -> list[str]:
+    """Return all but folders below a folder whose name matches a pattern, sorted.
 
     Pipes and links that lead nowhere are among them: a spec that is one gets a finding.
 
     Args:
         folder: where the search begins; empty for the current folder.
-        parts: a pattern for each part of the path, as those of `matching_files`.
-        searched: what the user named.
-
-    Raises:
-        UsageError: very much would have to be searched.
+        name: a pattern, as those of `matching_files`.
     """
-    search = _Search(parts, searched)
-    found: set[str] = set()
-    pending = [(folder, 0, 0)]
-    seen: set[tuple[str, int]] = set()
-    while pending:
-        place, depth, device = pending.pop()
-        if depth == len(search.parts):
-            if os.path.lexists(place) and not os.path.isdir(place):  # noqa: PTH112 - too long
-                found.add(place)
-        elif (place, depth) not in seen:
-            seen.add((place, depth))
-            pending += search.step(place, depth, device)
-    return sorted(found)
+    return sorted(
+        os.path.join(parent, file)  # noqa: PTH118 - as the user wrote it
+        for parent, files in _visible_folders(folder)
+        for file in fnmatch.filter(files, name)
+    )
+
+
+def _visible_folders(folder: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield a folder and those below it that are not hidden, each with the names of its files."""
+    for parent, folders, files in os.walk(folder or "."):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        visible = [name for name in files if not name.startswith(".")]
+        yield parent if folder else parent.removeprefix(".").removeprefix("/"), visible
 
 
 def near_path(path: str | Path, base: Path = Path()) -> str:
@@ -101,106 +95,7 @@ def _similar(path: Path) -> Path | None:
     return place
 
 
-def walk(folder: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
-    """As `os.walk`, which calls itself for each folder in another: of folders of any depth."""
-    waiting = [folder]
-    while waiting:
-        parent = waiting.pop()
-        folders: list[str] = []
-        files: list[str] = []
-        with contextlib.suppress(OSError), os.scandir(parent) as entries:
-            for entry in entries:
-                (folders if _is_folder(entry) else files).append(entry.name)
-        yield parent, folders, files
-        below = (parent / name for name in reversed(folders))
-        waiting += (place for place in below if not os.path.islink(place))  # noqa: PTH114 - may be too long
-
-
-def _is_folder(entry: os.DirEntry[str]) -> bool:
-    try:
-        return entry.is_dir()
-    except OSError:
-        return False
-
-
 def regular_files(folder: Path) -> Iterator[Path]:
-    """Return the regular files of a folder of any depth, and what links to such."""
-    paths = (parent / name for parent, _, files in walk(folder) for name in files)
+    """Return the regular files below a folder, and what links to such."""
+    paths = (Path(parent, name) for parent, _, files in os.walk(folder) for name in files)
     return (path for path in paths if os.path.isfile(path))  # noqa: PTH113 - may be too long
-
-
-def note_folder(folder: Path) -> None:
-    """Take notice of a bag: of everything below a folder up to a number, or of a file."""
-    if not is_noting():
-        return
-    note_lookup(folder)
-    below = (
-        parent / name for parent, folders, files in walk(folder) for name in (*folders, *files)
-    )
-    for path in islice(below, _MAX_NOTED):
-        note_lookup(path)
-
-
-class _Search:
-    """The steps of one search.
-
-    Attributes:
-        parts: of the pattern; ``**`` is followed by another part.
-    """
-
-    def __init__(self, parts: Sequence[str], searched: str) -> None:
-        self.parts: list[str] = []
-        for part in parts:
-            if part != _ANY_FOLDERS or self.parts[-1:] != [_ANY_FOLDERS]:
-                self.parts.append(part)
-        self.parts += ["*"] * (self.parts[-1:] == [_ANY_FOLDERS])
-        self._searched = searched
-        self._folders = self._entries = 0
-
-    def step(self, place: str, depth: int, device: int) -> Iterator[tuple[str, int, int]]:
-        """Yield what matches one part more: each with that number of parts, and its file system."""
-        deep = self.parts[depth] == _ANY_FOLDERS
-        part = self.parts[depth + deep]
-        after = depth + deep + 1
-        if not (deep or glob.has_magic(part)):
-            yield os.path.join(place, part), after, 0  # noqa: PTH118 - as the user wrote it
-            return
-        device = device or _device(place)
-        matches = re.compile(fnmatch.translate(part)).match
-        for entry in self._listed(place):
-            path = os.path.join(place, entry.name)  # noqa: PTH118
-            hidden = entry.name.startswith(".")
-            if deep and not hidden and _is_below(entry, device):
-                yield path, depth, device
-            if matches(entry.name) and hidden <= part.startswith("."):
-                yield path, after, 0
-
-    def _listed(self, place: str) -> Iterator[os.DirEntry[str]]:
-        self._folders += 1
-        self._check(self._folders, MAX_SEARCHED_FOLDERS, "folders")
-        with contextlib.suppress(OSError), os.scandir(place or ".") as entries:
-            for entry in entries:
-                self._entries += 1
-                self._check(self._entries, MAX_SEARCHED_ENTRIES, "files and folders")
-                yield entry
-
-    def _check(self, number: int, limit: int, what: str) -> None:
-        if number > limit:
-            raise UsageError(
-                f"{self._searched!r} has more than {limit:,} {what}, too many to search",
-                hint="Name the folder of the specs, or each spec.",
-            )
-
-
-def _device(folder: str) -> int:
-    try:
-        return os.stat(folder or ".").st_dev  # noqa: PTH116
-    except OSError:
-        return 0
-
-
-def _is_below(entry: os.DirEntry[str], device: int) -> bool:
-    try:
-        return entry.is_dir(follow_symlinks=False) and entry.stat().st_dev == device
-    except OSError:
-        return False

@@ -14,10 +14,6 @@ from typing import Final
 
 MAX_DOCUMENT_BYTES: Final = 10_000_000
 """A spec has a few thousand."""
-MAX_SEARCHED_FOLDERS: Final = 10_000
-"""That are searched for specs; hidden ones do not count."""
-MAX_SEARCHED_ENTRIES: Final = 500_000
-"""In all of them together."""
 MAX_YAML_DEPTH: Final = 100
 """Of lists and maps inside each other."""
 MAX_YAML_VALUES: Final = 400_000
@@ -102,8 +98,6 @@ MAX_PROCESSES: Final = 10_000
 """Of one run, in all of its starts."""
 MAX_PROCESS_WINDOWS: Final = 100_000
 """Of a run: in each segment, the processes that were sampled in it. Each takes 40 µs to judge."""
-MAX_TEXT_CHARACTERS: Final = 200_000
-"""One text of JSON: the longest argument of a program that Linux takes has 131,072."""
 MAX_INTEGER: Final = 2**63 - 1
 """Times are ns in 64 bits with a sign, in every file and array."""
 MAX_NUMBER: Final = 1e30

@@ -1,19 +1,18 @@
 """Files and folders that no other user of the machine may read.
 
-Temporary folders are locked by the process that has created them, and the lock ends with the
-process, however that ends. The next process of this user that creates a temporary folder removes
-those that no process has locked: not even a killed process leaves any.
+A temporary folder ends with its block, or with its process. Those of killed processes are removed
+a week later, by the next process of this user that makes one in the same place.
 """
 
 from __future__ import annotations
 
 import atexit
 import contextlib
-import errno
-import fcntl
 import functools
 import os
-import uuid
+import shutil
+import stat
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -24,8 +23,8 @@ PRIVATE_UMASK = 0o077
 _replaced: list[int] = []
 """The umasks that `private_files` has put aside; the first is the user's."""
 
-_SUFFIX: Final = ".held"
-"""Of no folder of others, and of none that is removed in another way."""
+_ABANDONED_S: Final = 7 * 24 * 3600.0
+"""Longer than any run or comparison takes."""
 
 
 @contextlib.contextmanager
@@ -59,16 +58,11 @@ def temporary_folder(kind: str, parent: Path | None = None) -> Iterator[Path]:
     Raises:
         OSError: it cannot be made.
     """
-    import tempfile
-
-    parent = parent or Path(tempfile.gettempdir())
-    _remove_abandoned(parent)
-    folder, held = _made(kind, parent)
+    folder = _made(kind, parent)
     try:
         yield folder
     finally:
         remove_folder(folder)
-        os.close(held)
 
 
 @functools.cache
@@ -78,86 +72,35 @@ def process_folder(kind: str) -> Path:
     Raises:
         OSError: it cannot be made.
     """
-    stack = contextlib.ExitStack()
-    folder = stack.enter_context(temporary_folder(kind))
-    maker = os.getpid()
+    folder, maker = _made(kind), os.getpid()
     # What is forked ends with the same functions.
-    atexit.register(lambda: stack.close() if os.getpid() == maker else None)
+    atexit.register(lambda: remove_folder(folder) if os.getpid() == maker else None)
     return folder
 
 
-def _made(kind: str, parent: Path) -> tuple[Path, int]:
-    """Return a new folder, and the descriptor by which it is locked.
-
-    Another process may remove it before it is locked: then the next one is made.
-    """
+def _made(kind: str, parent: Path | None = None) -> Path:
     import tempfile
 
-    while True:
-        folder = Path(tempfile.mkdtemp(prefix=f"r2bspec-{kind}-", suffix=_SUFFIX, dir=parent))
-        try:
-            return folder, _locked(folder, fcntl.LOCK_EX)
-        except FileNotFoundError:
-            continue
-        except OSError:
-            remove_folder(folder)
-            raise
-
-
-def _locked(folder: Path, operation: int) -> int:
-    """Return the descriptor by which a folder of this user is locked.
-
-    Raises:
-        FileNotFoundError: it was removed meanwhile.
-        OSError: it is locked by another process, of another user, or none.
-    """
-    # Another user may have put a link here: what is opened is what is looked at.
-    held = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    try:
-        if os.fstat(held).st_uid != os.geteuid():
-            raise PermissionError(errno.EPERM, "it belongs to another user", str(folder))
-        fcntl.flock(held, operation)
-        folder.stat()
-    except OSError:
-        os.close(held)
-        raise
-    return held
-
-
-def _remove_abandoned(parent: Path) -> None:
-    """Remove the folders of processes that were killed."""
-    for folder in parent.glob(f"r2bspec-*{_SUFFIX}"):
+    parent = parent or Path(tempfile.gettempdir())
+    for folder in parent.glob("r2bspec-*.tmp"):
         with contextlib.suppress(OSError):
-            held = _locked(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            remove_folder(folder)
-            os.close(held)
+            status = folder.lstat()
+            is_own = stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid()
+            if is_own and time.time() - status.st_mtime > _ABANDONED_S:
+                remove_folder(folder)
+    return Path(tempfile.mkdtemp(prefix=f"r2bspec-{kind}-", suffix=".tmp", dir=parent))
 
 
 def remove_folder(folder: Path) -> None:
-    """Remove a folder as far as that is possible.
+    """Remove a folder as far as that is possible; a link to a folder stays.
 
-    A build or a node may have left folders that can be neither read nor written, and folders nested
-    deeper than a path may be long or Python may recurse.
+    A build or a node may have left folders that can be neither read nor written.
     """
-    import shutil
-
-    with contextlib.suppress(RecursionError):
-        shutil.rmtree(folder, ignore_errors=True)
-    if folder.is_symlink() or not folder.is_dir():
+    if folder.is_symlink():
         return
-    waiting = [folder]
-    while waiting:
-        here = waiting.pop()
-        with contextlib.suppress(OSError):
-            here.chmod(0o700)
-            for below in list(here.iterdir()):
-                with contextlib.suppress(OSError):
-                    if below.is_symlink() or not below.is_dir():
-                        below.unlink()
-                        continue
-                    # A folder that may not be written cannot be moved.
-                    below.chmod(0o700)
-                    waiting.append(below.rename(folder / uuid.uuid4().hex))
-            here.rmdir()
-    with contextlib.suppress(OSError):
-        folder.rmdir()
+    for parent, folders, _ in os.walk(folder):
+        for path in (Path(parent, name) for name in folders):
+            with contextlib.suppress(OSError):
+                if not path.is_symlink():
+                    path.chmod(0o700)
+    shutil.rmtree(folder, ignore_errors=True)

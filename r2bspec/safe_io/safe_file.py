@@ -1,9 +1,7 @@
 """Opening files: regular ones only, without leaving the allowed folders, up to a size.
 
-A path is first opened as a place (O_PATH). That has no effect on pipes and devices, and cannot
-block. The file found there is examined and then opened itself, so that it cannot be exchanged
-between the check and its use. What is refused before its content is used is an error of this
-module. Files that an editor has changed and not saved are read with its texts.
+What is refused before its content is used is an error of this module. Files that an editor has
+changed and not saved are read with its texts.
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from r2bspec.errors import ExitStatus, R2bspecError
-from r2bspec.safe_io.looked_up_files import note_lookup, note_read
 
 
 class RefusedFileError(R2bspecError, OSError):
@@ -68,20 +65,16 @@ def unsaved_content(path: Path) -> bytes | None:
     return None if text is None else text.encode("utf-8", "surrogatepass")
 
 
-KERNEL_FOLDERS: Final = (Path("/proc"), Path("/sys"))
+_KERNEL_FOLDERS: Final = ("/proc/", "/sys/")
 """Their regular files have no size, may block, and tell about this machine."""
-
-_KERNEL_PATHS: Final = tuple(f"{folder}/" for folder in KERNEL_FOLDERS)
 
 _KINDS: Final = (
     (stat.S_ISDIR, "it is a folder, not a file"),
     (stat.S_ISFIFO, "it is a pipe, not a regular file"),
     (stat.S_ISCHR, "it is a device, not a regular file"),
     (stat.S_ISBLK, "it is a device, not a regular file"),
-    (stat.S_ISSOCK, "it is a socket, not a regular file"),
 )
 _BLOCK_BYTES: Final = 1 << 20
-_DESCRIPTORS = "/proc/self/fd"
 
 
 class ByteBudget:
@@ -111,16 +104,18 @@ def open_regular(path: Path, *, folders: Iterable[Path] | None = None) -> Binary
         RefusedFileError: it is no regular file, or outside of these folders.
         OSError: the system refuses.
     """
-    place = _open_place(path)
     try:
-        _check_kind(place)
-        _check_place(place, folders)
-        note_read(path)
-        # The very file that was examined.
-        flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
-        return os.fdopen(os.open(f"{_DESCRIPTORS}/{place}", flags), "rb")
-    finally:
-        os.close(place)
+        # Without O_NONBLOCK, it would wait for somebody who writes into a pipe.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
+    except ValueError:
+        raise RefusedFileError("its name contains a NUL character") from None
+    try:
+        _check_kind(os.fstat(descriptor).st_mode)
+        _check_place(path, folders)
+        return os.fdopen(descriptor, "rb")
+    except RefusedFileError:
+        os.close(descriptor)
+        raise
 
 
 def read_bytes(
@@ -199,7 +194,6 @@ def is_folder(path: Path) -> bool:
 
 def _mode(path: Path) -> int:
     """Return the kind of what a path leads to, and who may use it; 0 if there is nothing."""
-    note_lookup(path)
     try:
         return path.stat().st_mode
     except (OSError, ValueError):
@@ -212,7 +206,6 @@ def names_in(folder: Path) -> list[str]:
     Raises:
         OSError: there is no such folder, or the system refuses.
     """
-    note_lookup(folder)
     return sorted(os.listdir(folder))  # noqa: PTH208 - names alone are asked for
 
 
@@ -224,36 +217,19 @@ def names_if_any(folder: Path) -> list[str]:
         return []
 
 
-def _open_place(path: Path) -> int:
-    note_lookup(path)
-    try:
-        return os.open(path, os.O_PATH | os.O_CLOEXEC)
-    except ValueError:
-        raise RefusedFileError("its name contains a NUL character") from None
-
-
-def _check_kind(place: int) -> None:
-    mode = os.fstat(place).st_mode
+def _check_kind(mode: int) -> None:
     for is_kind, reason in _KINDS if not stat.S_ISREG(mode) else ():
         if is_kind(mode):
             hint = "use '-' to read standard input" if stat.S_ISFIFO(mode) else ""
             raise RefusedFileError(reason, hint=hint)
 
 
-def _check_place(place: int, folders: Iterable[Path] | None) -> None:
-    try:
-        # The path by which the kernel knows what is open, whatever has its name now.
-        real = os.readlink(f"{_DESCRIPTORS}/{place}")  # noqa: PTH115 - many files are opened
-    except FileNotFoundError:
-        # It would look as if the file were missing.
-        raise RefusedFileError(
-            f"there is no {_DESCRIPTORS}, by which files are opened",
-            hint="Mount /proc: 'mount -t proc proc /proc', or let the container have it.",
-        ) from None
-    if real.startswith(_KERNEL_PATHS):
+def _check_place(path: Path, folders: Iterable[Path] | None) -> None:
+    real = real_path(path)
+    if str(real).startswith(_KERNEL_FOLDERS):
         raise OutsideFolderError("it is a kernel file, not a file on a disk")
     if folders is not None and not any(
-        Path(real).is_relative_to(real_path(folder)) for folder in folders
+        real.is_relative_to(real_path(folder)) for folder in folders
     ):
         raise OutsideFolderError("it is a link out of its folder")
 

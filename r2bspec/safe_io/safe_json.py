@@ -1,4 +1,4 @@
-"""Decoding JSON with limits on size, depth, texts and numbers; each problem is a `DecodeError`.
+"""Decoding JSON with limits on size, depth and numbers; each problem is a `DecodeError`.
 
 JSON allows numbers of any size. Arithmetic on them overflows somewhere, far from the file that is
 to blame; so they are refused where the file is read.
@@ -21,7 +21,7 @@ _WHOLES: Final = (msgspec.Struct, dict, list, tuple)
 
 
 def check_values(value: Any, free: frozenset[str] = frozenset()) -> None:
-    """Check that no number inside a decoded value is out of range, and no text too long.
+    """Check that no number inside a decoded value is out of range.
 
     Args:
         value: what was decoded.
@@ -40,11 +40,6 @@ def check_values(value: Any, free: frozenset[str] = frozenset()) -> None:
                 if not -limit <= part <= limit:  # or NaN
                     path = _path((around, whole, position))
                     raise ValueError(f"a number is out of range at {path}")
-            elif isinstance(part, str):
-                if len(part) > limits.MAX_TEXT_CHARACTERS:
-                    most = f"{limits.MAX_TEXT_CHARACTERS:,} characters"
-                    path = _path((around, whole, position))
-                    raise ValueError(f"a text has more than {most} at {path}")
             elif isinstance(part, _WHOLES):
                 waiting.append(((around, whole, position), part))
 

@@ -41,7 +41,6 @@ from r2bspec.record.graph_identity import (
     identity_digest,
     node_digest,
 )
-from r2bspec.safe_io.file_search import walk
 from r2bspec.safe_io.git import find_work_tree, inspect_work_tree
 from r2bspec.safe_io.limits import MAX_DIGEST_BYTES, MAX_MANIFEST_BYTES, MAX_NAME_CHARACTERS
 from r2bspec.safe_io.safe_file import is_regular, open_regular, read_bytes
@@ -131,7 +130,8 @@ class WorkspacePackages:
     def folders(self) -> dict[str, Path]:
         """The folders of the packages, by name."""
         packages: dict[str, Path] = {}
-        for parent, folders, files in islice(walk(self._top), _MAX_FOLDERS):
+        for place, folders, files in islice(os.walk(self._top), _MAX_FOLDERS):
+            parent = Path(place)
             is_ignored = not _MARKERS.isdisjoint(files)
             if not is_ignored and _MANIFEST in files and (match := _NAME.search(_manifest(parent))):
                 packages.setdefault(match[1].decode(), parent)
@@ -174,13 +174,13 @@ def _manifest(folder: Path) -> bytes:
 
 def _files_of(folder: Path) -> Iterator[Path]:
     count = 0
-    for parent, folders, files in walk(folder):
+    for parent, folders, files in os.walk(folder):
         folders[:] = sorted(
             name for name in folders if name not in _NOT_RUN and not name.startswith(".")
         )
         for name in sorted(files):
             if _NOT_RUN_FILES.fullmatch(name) is None:
-                yield parent / name
+                yield Path(parent, name)
                 count += 1
                 if count >= _MAX_FILES:
                     return

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Final
 
 from r2bspec.safe_io.limits import MAX_MANIFEST_BYTES
-from r2bspec.safe_io.looked_up_files import shared_lookup
 from r2bspec.safe_io.safe_file import names_if_any, read_bytes
+from r2bspec.safe_io.shared_lookups import shared_lookup
 
 _SCRIPTS: Final = "console_scripts"
 _MAX_FOLDERS: Final = 2_000

@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.git import find_work_tree
 from r2bspec.safe_io.limits import MAX_BASE_CLASSES, MAX_PYTHON_BYTES
-from r2bspec.safe_io.looked_up_files import shared_lookup
+from r2bspec.safe_io.shared_lookups import shared_lookup
 
 _INIT = "__init__.py"
 _MAX_KEPT_BYTES = 10_000

@@ -23,7 +23,6 @@ import r2bspec.nodes
         ("AprilTagNode", {"size": 0.0}, "'size' must be a double, above 0; it is 0.0"),
         ("AprilTagNode", {"size": float("nan")}, "'size' must be a double, above 0; it is nan"),
         ("AprilTagNode", {"size": 1}, "'size' must be a double, above 0"),
-        ("AprilTagNode", {"corner_refinement": "best"}, "none, subpix, contour, apriltag"),
         ("ResizeNode", {"width": 0}, "'width' must be an integer, 1 or more, or -1"),
         ("ResizeNode", {"height": -2}, "'height' must be an integer, 1 or more, or -1"),
         ("ResizeNode", {"scale_width": -0.5}, "'scale_width' must be a double, above 0"),

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from command_line import Call
-from r2bspec.doctor import installation
+from r2bspec.doctor import checks
+from r2bspec.doctor.checks import check_ros, probe_imports
 from r2bspec.doctor.checkup import CheckResult, System
-from r2bspec.doctor.installation import check_ros, probe_imports
 from r2bspec.extras import install_command
 from r2bspec.middleware.middleware import RMW_VARIABLE
 
@@ -34,7 +34,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
         def answer(_system: System, *names: str) -> dict[str, dict[str, Any]]:
             return {name: known.get(name, imported()) for name in names}
 
-        monkeypatch.setattr(installation, "probe_imports", answer)
+        monkeypatch.setattr(checks, "probe_imports", answer)
         monkeypatch.setattr(
             importlib.metadata,
             "distributions",
@@ -45,7 +45,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 
 def rclpy(rmw: str = "rmw_fastrtps_cpp") -> dict[str, dict[str, Any]]:
-    return {installation._MIDDLEWARE: imported(rmw)}
+    return {checks._MIDDLEWARE: imported(rmw)}
 
 
 def by_name(**environ: str) -> dict[str, CheckResult]:
@@ -54,11 +54,11 @@ def by_name(**environ: str) -> dict[str, CheckResult]:
 
 
 def test_without_rclpy_there_is_a_problem_and_a_way_out(here: Callable[..., None]) -> None:
-    here({installation._MIDDLEWARE: MISSING})
-    checks = by_name()
-    assert checks["rclpy"].status == "problem"
-    assert install_command("ros") in checks["rclpy"].advice
-    assert checks["distributions"].status == "warn"
+    here({checks._MIDDLEWARE: MISSING})
+    found = by_name()
+    assert found["rclpy"].status == "problem"
+    assert install_command("ros") in found["rclpy"].advice
+    assert found["distributions"].status == "warn"
 
 
 def test_a_middleware_that_is_not_installed_is_named_with_a_way_out() -> None:
@@ -139,7 +139,7 @@ def test_a_fresh_interpreter_tells_what_it_can_import() -> None:
 def test_the_command_prints_what_programs_and_people_read(
     here: Callable[..., None], tmp_path: Path, call: Call
 ) -> None:
-    here({installation._MIDDLEWARE: MISSING})
+    here({checks._MIDDLEWARE: MISSING})
     answer = json.loads(call("doctor", "--runs", tmp_path, "--format", "json", status=1).out)
     assert answer["status"] == "problem"
     assert "problem" in {check["status"] for check in answer["checks"]}
@@ -150,7 +150,7 @@ def test_the_command_prints_what_programs_and_people_read(
 
 def test_without_a_compiler_there_is_a_problem_and_a_way_out(tmp_path: Path) -> None:
     pytest.importorskip("rclpy")
-    (check,) = installation.check_native(System(environ={"PATH": str(tmp_path)}))
+    (check,) = checks.check_native(System(environ={"PATH": str(tmp_path)}))
     assert check.status == "problem"
     assert "no C compiler" in check.found
     assert "apt install gcc" in check.advice

@@ -132,7 +132,7 @@ MAIN = "from r2bspec.cli.main import main; main"
             ),
             REPORTS,
         ),
-        ("import r2bspec.doctor.all_checks", ROS),
+        ("import r2bspec.doctor.checks", ROS),
         ("import r2bspec.nodes; dir(r2bspec.nodes)", ROS),
     ],
     ids=[

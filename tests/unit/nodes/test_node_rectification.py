@@ -13,7 +13,7 @@ pytest.importorskip("cv2")
 
 import cameras
 
-from r2bspec.nodes import camera, rectification
+from r2bspec.nodes import camera
 
 WIDTH, HEIGHT = 160, 120
 K = np.array([[100.0, 0.0, 82.0], [0.0, 105.0, 57.0], [0.0, 0.0, 1.0]])
@@ -55,7 +55,7 @@ def test_each_pixel_shows_what_the_camera_saw_along_its_ray(axis: int) -> None:
     info = camera_info()
     ramp = np.mgrid[0:HEIGHT, 0:WIDTH][1 - axis].astype(np.float32)
     target = np.empty_like(ramp)
-    rectification.rectify(ramp, info, target)
+    camera.rectify(ramp, info, target)
     expected = seen_at(info)
     inside = (
         (expected[0] > 1)
@@ -74,7 +74,7 @@ def test_each_pixel_shows_what_the_camera_saw_along_its_ray(axis: int) -> None:
 def test_what_the_camera_did_not_see_is_black() -> None:
     white = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
     target = np.empty_like(white)
-    rectification.rectify(white, camera_info(r=turned(25.0).ravel()), target)
+    camera.rectify(white, camera_info(r=turned(25.0).ravel()), target)
     across, down = seen_at(camera_info(r=turned(25.0).ravel()))
     outside = (across < -1) | (across > WIDTH) | (down < -1) | (down > HEIGHT)
     assert outside.any()
@@ -85,8 +85,8 @@ def test_what_the_camera_did_not_see_is_black() -> None:
 def test_a_changed_camera_is_noticed() -> None:
     pixels = np.random.default_rng(1).integers(0, 255, (HEIGHT, WIDTH), np.uint8)
     first, second = np.empty_like(pixels), np.empty_like(pixels)
-    rectification.rectify(pixels, camera_info(), first)
-    rectification.rectify(pixels, camera_info(d=2 * D), second)
+    camera.rectify(pixels, camera_info(), first)
+    camera.rectify(pixels, camera_info(d=2 * D), second)
     assert not np.array_equal(first, second)
 
 
@@ -105,7 +105,7 @@ def test_rectifying_a_rectified_image_changes_nothing() -> None:
     camera.rectified(info, WIDTH, HEIGHT)
     pixels = np.random.default_rng(2).integers(0, 255, (HEIGHT, WIDTH), np.uint8)
     target = np.empty_like(pixels)
-    rectification.rectify(pixels, info, target)
+    camera.rectify(pixels, info, target)
     assert np.array_equal(target, pixels)
 
 
@@ -130,4 +130,4 @@ def test_binned_and_cropped_images_have_their_own_camera() -> None:
 def test_an_unusable_camera_is_refused(fields: dict[str, Any], message: str) -> None:
     pixels = np.zeros((HEIGHT, WIDTH), np.uint8)
     with pytest.raises(ValueError, match=message):
-        rectification.rectify(pixels, camera_info(**fields), np.empty_like(pixels))
+        camera.rectify(pixels, camera_info(**fields), np.empty_like(pixels))

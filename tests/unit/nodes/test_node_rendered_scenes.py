@@ -49,7 +49,7 @@ def test_rectified_images_have_the_true_disparities() -> None:
     left, right = gray(rig.LEFT_HAWK), gray(rig.RIGHT_HAWK)
     depth = render_depth(scene, rig.LEFT_HAWK, body)[::2, ::2]
     true = rig.RIGHT_HAWK.focal_px / 2 * rig.RIGHT_HAWK.baseline_m / depth
-    matcher = stereo.make_matcher(stereo.MatcherParameters())
+    matcher = stereo.make_matcher(64, 15)
     found = stereo.disparity(matcher, left, right)
     known = found >= 0
     assert known.mean() > 0.7

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 pytest.importorskip("cv2")
 
 from r2bspec.nodes import stereo
-from r2bspec.nodes.stereo import MatcherParameters, ValidWindow
+from r2bspec.nodes.stereo import ValidWindow
 
 WIDTH, HEIGHT = 320, 160
 
@@ -28,66 +28,46 @@ def pair(disparity_px: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     return np.ascontiguousarray(left), np.ascontiguousarray(right)
 
 
-@pytest.mark.parametrize("algorithm", [stereo.BLOCK_MATCHING, stereo.SEMI_GLOBAL])
 @pytest.mark.parametrize("true_px", [5, 12, 30])
-def test_a_wall_has_the_disparity_of_its_distance(algorithm: int, true_px: int) -> None:
-    parameters = MatcherParameters(algorithm=algorithm, range_px=64)
+def test_a_wall_has_the_disparity_of_its_distance(true_px: int) -> None:
     left, right = pair(true_px)
-    found = stereo.disparity(stereo.make_matcher(parameters), left, right)
-    window = stereo.valid_window(parameters, WIDTH, HEIGHT)
+    found = stereo.disparity(stereo.make_matcher(64, 15), left, right)
+    window = stereo.valid_window(64, 15, WIDTH, HEIGHT)
     inside = found[
         window.y : window.y + window.height, window.x : window.x + window.width - true_px
     ]
     assert (np.abs(inside - true_px) <= 1).mean() > 0.95
     # Swapped images show everything in the wrong direction: hardly anything is found there.
-    swapped = stereo.disparity(stereo.make_matcher(parameters), right, left)
+    swapped = stereo.disparity(stereo.make_matcher(64, 15), right, left)
     assert (np.abs(swapped - true_px) <= 1).mean() < 0.1
 
 
-def test_what_has_no_match_is_below_the_smallest_disparity() -> None:
-    parameters = MatcherParameters(range_px=32)
+def test_what_has_no_match_is_below_zero() -> None:
     left, _ = pair(10)
     blank = np.full_like(left, 128)
-    found = stereo.disparity(stereo.make_matcher(parameters), blank, blank)
+    found = stereo.disparity(stereo.make_matcher(32, 15), blank, blank)
     assert (found == -1.0).all()
 
 
 def test_different_principal_points_shift_every_disparity() -> None:
     left, right = pair(12)
-    parameters = MatcherParameters(range_px=32)
-    plain = stereo.disparity(stereo.make_matcher(parameters), left, right)
-    shifted = stereo.disparity(stereo.make_matcher(parameters), left, right, 2.5)
+    plain = stereo.disparity(stereo.make_matcher(32, 15), left, right)
+    shifted = stereo.disparity(stereo.make_matcher(32, 15), left, right, 2.5)
     assert np.array_equal(shifted, plain - np.float32(2.5))
-
-
-def test_disparities_are_found_from_the_smallest_on() -> None:
-    left, right = pair(30)
-    found = stereo.disparity(
-        stereo.make_matcher(MatcherParameters(min_disparity_px=24, range_px=16)),
-        left,
-        right,
-    )
-    assert np.median(found[found >= 24]) == pytest.approx(30, abs=0.1)
 
 
 def test_images_of_different_sizes_are_refused() -> None:
     left, right = pair(5)
     with pytest.raises(ValueError, match="320x160 pixels, the right one 319x160"):
-        stereo.disparity(stereo.make_matcher(MatcherParameters()), left, right[:, 1:].copy())
+        stereo.disparity(stereo.make_matcher(64, 15), left, right[:, 1:].copy())
 
 
-def test_the_valid_window_is_that_of_opencv() -> None:
+@pytest.mark.parametrize(("range_px", "window_px"), [(64, 15), (32, 9)])
+def test_the_valid_window_is_that_of_opencv(range_px: int, window_px: int) -> None:
     cv2 = pytest.importorskip("cv2")
-    for parameters in (
-        MatcherParameters(),
-        MatcherParameters(min_disparity_px=8, range_px=32, window_px=9),
-    ):
-        full = (0, 0, WIDTH, HEIGHT)
-        x, y, width, height = cv2.getValidDisparityROI(
-            full, full, parameters.min_disparity_px, parameters.range_px, parameters.window_px
-        )
-        found = stereo.valid_window(parameters, WIDTH, HEIGHT)
-        assert found == ValidWindow(x, y, width, height)
+    full = (0, 0, WIDTH, HEIGHT)
+    expected = cv2.getValidDisparityROI(full, full, 0, range_px, window_px)
+    assert stereo.valid_window(range_px, window_px, WIDTH, HEIGHT) == ValidWindow(*expected)
 
 
 def test_points_lie_on_the_rays_of_their_pixels_at_their_depth() -> None:
