@@ -46,20 +46,12 @@ MAX_PARAMETER_SOURCES: Final = 100
 """Parameter files and maps that one node lists."""
 MAX_COMPANION_BYTES: Final = 1_000_000
 """One parameter file or interface."""
-MAX_COMPANION_YAML_BYTES: Final = 3_000_000
-"""All of them of a spec."""
 MAX_COMPANION_DEPTH: Final = 50
 """Of lists and maps inside each other."""
 MAX_COMPANION_VALUES: Final = 50_000
 """Of one of them."""
 MAX_PARAMETERS: Final = 10_000
 """Of one file, after aliases."""
-MAX_WILDCARD_KEYS: Final = 100
-"""With '*': each is compared with the name of every node."""
-MAX_VALUES_OF_NODES: Final = 200_000
-"""Of one parameter file for all nodes that name it."""
-MAX_VALUES_OF_CASES: Final = 1_000_000
-"""Of all of them in all cases; a wildcard counts as a value."""
 MAX_KNOWN_INTERFACES_BYTES: Final = 64_000_000
 """Interfaces of all packages that were introspected."""
 
@@ -67,8 +59,6 @@ MAX_KNOWN_INTERFACES_BYTES: Final = 64_000_000
 
 MAX_PYTHON_BYTES: Final = 300_000
 """The parser needs up to 700 bytes of memory for each."""
-MAX_SPEC_PYTHON_BYTES: Final = 600_000
-"""Python files of a spec together."""
 MAX_BASE_CLASSES: Final = 100
 """Classes may name each other as their bases."""
 
@@ -78,8 +68,6 @@ MAX_METADATA_BYTES: Final = 16_000_000
 """Metadata.yaml, and what a dataset says of itself."""
 MAX_NAME_CHARACTERS: Final = 1_000
 """Of a topic, a type, a monitor: ROS has 255."""
-MAX_BAG_INDEX_BYTES: Final = 64_000_000
-"""The kept index of a bag."""
 MAX_STAMPS_BYTES: Final = 64 << 20
 """Of larger bags only the first stamps are read; their counts are compared."""
 MAX_RECORDED_TIMES: Final = 1_000_000
