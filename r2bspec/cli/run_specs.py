@@ -154,7 +154,7 @@ def _play_next(number: int, entries: Sequence[Entry], runs: Runs[Entry], suite: 
         result = _play(entry, runs, options, title, after_s=later_s)
         if not options.quiet:
             echo(f"  {headline(result)}", err=True)
-            first = notes(result).shown[:1] if result.verdict.outcome == "inconclusive" else ()
+            first = notes(result)[:1] if result.verdict.outcome == "inconclusive" else ()
             for sentence in (*first, *result.gate):
                 echo(f"  {sentence}", err=True)
         show_differences(result, entry)

@@ -84,7 +84,6 @@ _PARTS = tuple(reversed(PROPOSED_PERCENTILES))
 _SHARES = (0.001, 0.005, 0.01, 0.02, 0.05)
 """Shares of lost messages that are proposed, the smallest that the run passes."""
 
-_MOST_LOST = 0.05
 _WORK_LIMIT = "work.graph.p50 <= 105 % of baseline"
 _PEAK_STEPS = 2
 """By how many times the precision of the search the limit is below the peak that it found."""
@@ -108,24 +107,18 @@ class Proposal:
     notes: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True)
-class _Candidate:
+class _Candidate(NamedTuple):
     """Requirements of which the first that the run passes is proposed; the only one, if certain."""
 
     objective: str
     at: str
     what: str
-    texts: tuple[str, ...]
+    texts: Sequence[str]
     why: str = ""
     certain: bool = False
 
 
-def propose_objectives(
-    loaded: LoadedSpec,
-    text: str,
-    result: Result,
-    judge: Judge,
-) -> Proposal:
+def propose_objectives(loaded: LoadedSpec, text: str, result: Result, judge: Judge) -> Proposal:
     """Return a spec with objectives from the values that a run measured.
 
     Metrics for which the spec already has a requirement at the same rate are left alone.
@@ -139,37 +132,36 @@ def propose_objectives(
     proposal = Proposal(text)
     if loaded.spec is None:
         return proposal
+    gated = _has_gate(loaded.spec, loaded.tree)
     candidates = [
-        entry
-        for entry in _candidates(
-            loaded.spec, result, proposal.notes, gated=_has_gate(loaded.spec, loaded.tree)
-        )
-        if entry.texts
+        *(
+            candidate
+            for rate in result.metrics.rates
+            for candidate in _candidates(loaded.spec, rate, proposal.notes, gated=gated)
+        ),
+        *_peak_candidates(loaded.spec, result, proposal.notes),
     ]
     passed = _passed(candidates, judge)
-    for proposed in candidates:
-        chosen = next(
-            (
-                requirement_text
-                for requirement_text in proposed.texts
-                if proposed.certain or (proposed.objective, requirement_text) in passed
-            ),
-            None,
+    for candidate in candidates:
+        fitting = (
+            each
+            for each in candidate.texts
+            if candidate.certain or (candidate.objective, each) in passed
         )
-        if chosen is not None and proposed.why:
-            proposal.notes.append(f"{chosen}: {proposed.why}")
+        chosen = next(fitting, None)
         if chosen is None:
-            proposal.notes.append(f"{proposed.what}: the run is too short to show a limit")
-        else:
-            proposal.added.setdefault(proposed.objective, []).append(chosen)
+            proposal.notes.append(f"{candidate.what}: the run is too short to show a limit")
+            continue
+        if candidate.why:
+            proposal.notes.append(f"{chosen}: {candidate.why}")
+        proposal.added.setdefault(candidate.objective, []).append(chosen)
     if disturbed := len(result.verdict.disturbed):
         played = sum(len(rate.iterations) for rate in result.metrics.rates)
         proposal.notes.append(
             f"other programs disturbed {disturbed} of {played} iterations: these limits are those "
             "of a busy machine, and a quiet one may have tighter ones"
         )
-    rates = {entry.objective: entry.at for entry in candidates}
-    _insert(loaded, proposal, rates)
+    _insert(loaded, proposal, {each.objective: each.at for each in candidates})
     return proposal
 
 
@@ -182,118 +174,60 @@ def _has_gate(spec: Spec, tree: TreeNode | None) -> bool:
 
 
 def _candidates(
-    spec: Spec, result: Result, notes: list[str], *, gated: bool
+    spec: Spec, rate: RateMetrics, notes: list[str], *, gated: bool
 ) -> Iterator[_Candidate]:
-    several = len(spec.outputs) > 1
-    for rate in result.metrics.rates:
-        at = f"{rate.offered_hz:g} Hz" if rate.pace == "rate" else ""
-        measured = f"measured_at_{rate.offered_hz:g}_hz".replace(".", "_") if at else "measured"
-        name = _free_name(spec, measured)
-        has_work = rate.pooled.graph is not None and rate.pooled.graph.work is not None
-        if gated and has_work and not _requires_part(spec, rate, "work.graph"):
-            yield _Candidate(name, at, "work.graph", (_WORK_LIMIT,), certain=True)
-        for monitor in rate.pooled.monitors:
-            prefix = f"{monitor}." if several else ""
-            at_rate = f" at {at}" if at else ""
-            where = f"{prefix}latency{at_rate}"
-            if not _has_requirement(spec, rate, monitor, "latency"):
-                limits = [
-                    (part, limit)
-                    for part in _PARTS
-                    if (limit := _latency_limit(rate, monitor, part)) is not None
-                ]
-                texts = tuple(
-                    f"{prefix}latency.{part} < {_ceiling(1e3 * limit.value)} ms"
-                    for part, limit in limits
-                    if limit.margin <= _MOST_MARGIN
-                )
-                if spec.outputs[monitor].own_pace:
-                    # What it has instead, its path, is proposed with the parts.
-                    if not rate.pooled.anatomy:
-                        notes.append(
-                            f"{where}: outputs that no input triggers have none; with 'benchmark: "
-                            f"{{anatomy: true}}', {monitor}.path is proposed"
-                        )
-                else:
-                    if limits and not texts:
-                        notes.append(f"{where}: {limits[0][1].why}, too much for a limit")
-                    elif not texts:
-                        notes.append(
-                            f"{where}: it takes {MIN_ITERATIONS} iterations with a latency to "
-                            "see their scatter"
-                        )
-                    yield _Candidate(name, at, where, texts, limits[0][1].why if texts else "")
-                    if gated and texts and not has_work:
-                        percent = 5 * math.ceil(20 * _DEVIATIONS * limits[-1][1].scatter)
-                        ratio = f"{prefix}latency.p50 <= {100 + max(10, percent)} % of baseline"
-                        yield _Candidate(name, at, where, (ratio,), certain=True)
-            pooled = rate.pooled.monitors[monitor]
-            lost = pooled.drop_rate
-            if lost is None or _has_requirement(spec, rate, monitor, "drop_rate"):
-                continue
-            if lost > _MOST_LOST:
+    """Yield what can be required at a rate: work, latencies and losses."""
+    at = f"{rate.offered_hz:g} Hz" if rate.pace == "rate" else ""
+    measured = f"measured_at_{rate.offered_hz:g}_hz".replace(".", "_") if at else "measured"
+    name, at_rate = _free_name(spec, measured), f" at {at}" if at else ""
+    required = [*_required(spec, rate)]
+    has_work = rate.pooled.graph is not None and rate.pooled.graph.work is not None
+    if gated and has_work and not any(each.startswith("work.graph.") for each in required):
+        yield _Candidate(name, at, "work.graph", (_WORK_LIMIT,), certain=True)
+    for monitor, pooled in rate.pooled.monitors.items():
+        stated = {each.removeprefix(f"{monitor}.").split(".")[0] for each in required}
+        prefix = f"{monitor}." if len(spec.outputs) > 1 else ""
+        where = f"{prefix}latency{at_rate}"
+        # Outputs that no input triggers have no latency.
+        if "latency" not in stated and not spec.outputs[monitor].own_pace:
+            limits = {part: _latency_limit(rate, monitor, part) for part in _PARTS}
+            known = [(part, limit) for part, limit in limits.items() if limit is not None]
+            texts = [
+                f"{prefix}latency.{part} < {_ceiling(1e3 * limit.value)} ms"
+                for part, limit in known
+                if limit.margin <= _MOST_MARGIN
+            ]
+            if texts:
+                yield _Candidate(name, at, where, texts, known[0][1].why)
+                if gated and not has_work:
+                    percent = max(10, 5 * math.ceil(20 * _DEVIATIONS * known[-1][1].scatter))
+                    ratio = f"{prefix}latency.p50 <= {100 + percent} % of baseline"
+                    yield _Candidate(name, at, where, (ratio,), certain=True)
+            else:
+                few = f"it takes {MIN_ITERATIONS} iterations with a latency to see their scatter"
+                why = f"{known[0][1].why}, too much for a limit" if known else few
+                notes.append(f"{where}: {why}")
+        lost = pooled.drop_rate
+        if lost is not None and "drop_rate" not in stated:
+            shares = [share for share in _SHARES if share >= lost]
+            texts = [f"{prefix}drop_rate <= {100 * share:g} %" for share in shares]
+            if texts:
+                yield _Candidate(name, at, f"{prefix}drop_rate{at_rate}", texts)
+            else:
                 notes.append(f"{prefix}drop_rate: {lost:.1%} were lost, which is no objective")
-                continue
-            shares = tuple(
-                f"{prefix}drop_rate <= {100 * share:g} %" for share in _SHARES if share >= lost
-            )
-            yield _Candidate(name, at, f"{prefix}drop_rate{at_rate}", shares)
-        yield from _part_candidates(spec, rate, name, at)
+
+
+def _peak_candidates(spec: Spec, result: Result, notes: list[str]) -> Iterator[_Candidate]:
     search = result.metrics.search
-    metrics = [
-        requirement.metric for objective in spec.slos.values() for requirement in objective.require
-    ]
-    asked = any(metric.startswith("peak") for metric in metrics)
-    if search is not None and search.holds_hz and not asked:
-        limit_hz = search.holds_hz * (1 - _PEAK_STEPS * search.precision)
-        if limit_hz > 0:
-            name = _free_name(spec, "measured_peak")
-            yield _Candidate(name, "", "peak.rate", (f"peak.rate >= {_floor(limit_hz)} Hz",))
-        else:
-            notes.append(f"peak.rate: it is known to {search.precision:.0%}, which is too coarse")
-
-
-_PROPOSED_PARTS = 3
-"""Callbacks for which a limit is proposed: those with the longest tails."""
-
-_MOST_LOAD = 0.9
-"""A limit of a load above this says nothing: such a node cannot keep up."""
-
-
-def _part_candidates(spec: Spec, rate: RateMetrics, name: str, at: str) -> Iterator[_Candidate]:
-    """Limits of what was observed from inside in every iteration.
-
-    Callbacks and loads of nodes, and paths to monitors of which no other latency is known.
-    """
-    if not rate.pooled.anatomy or spec.benchmark.anatomy is False:
+    required = [each.metric for slo in spec.slos.values() for each in slo.require]
+    if search is None or not search.holds_hz or any(each.startswith("peak") for each in required):
         return
-    tails = {
-        series: part_value(times, _PARTS[-1]) or 0.0
-        for series, times in rate.pooled.anatomy.items()
-        if series.endswith(".callback")
-    }
-    paths = [f"{monitor}.path" for monitor, settings in spec.monitors.items() if settings.own_pace]
-    slowest = sorted(tails, key=tails.__getitem__, reverse=True)[:_PROPOSED_PARTS]
-    for series in [*slowest, *(path for path in paths if path in rate.pooled.anatomy)]:
-        seen = [each[series] for one in rate.iterations if (each := one.anatomy) and series in each]
-        if not _requires_part(spec, rate, series):
-            texts = []
-            for part in _PARTS:
-                values = [value for times in seen if (value := part_value(times, part))]
-                limit = limit_of(values)
-                if limit is not None and limit.margin <= _MOST_MARGIN:
-                    texts.append(f"{series}.{part} < {_ceiling(1e3 * limit.value)} ms")
-            yield _Candidate(name, at, series, tuple(texts))
-        load = f"{series.removesuffix('.callback')}.load"
-        values = [
-            value
-            for one in rate.iterations
-            if (each := one.anatomy) and load in each and (value := each[load].mean)
-        ]
-        limit = limit_of(values)
-        known = limit is not None and limit.value < _MOST_LOAD
-        if known and limit is not None and not _requires_part(spec, rate, load):
-            yield _Candidate(name, at, load, (f"{load} < {_ceiling(100 * limit.value)} %",))
+    limit_hz = search.holds_hz * (1 - _PEAK_STEPS * search.precision)
+    if limit_hz > 0:
+        text = f"peak.rate >= {_floor(limit_hz)} Hz"
+        yield _Candidate(_free_name(spec, "measured_peak"), "", "peak.rate", (text,))
+    else:
+        notes.append(f"peak.rate: it is known to {search.precision:.0%}, which is too coarse")
 
 
 def _latency_limit(rate: RateMetrics, monitor: str, part: str) -> Limit | None:
@@ -372,18 +306,6 @@ def _insert(loaded: LoadedSpec, proposal: Proposal, rates: Mapping[str, str]) ->
             continue
         current, text = again, changed
     proposal.text = text
-
-
-def _has_requirement(spec: Spec, rate: RateMetrics, monitor: str, metric: str) -> bool:
-    """Return whether the spec already states the metric at this rate."""
-    return any(
-        name.removeprefix(f"{monitor}.").split(".")[0] == metric for name in _required(spec, rate)
-    )
-
-
-def _requires_part(spec: Spec, rate: RateMetrics, series: str) -> bool:
-    """Return the same for the values of a node, such as ``blur.callback``."""
-    return any(f"{name}.".startswith(f"{series}.") for name in _required(spec, rate))
 
 
 def _required(spec: Spec, rate: RateMetrics) -> Iterator[str]:

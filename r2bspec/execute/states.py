@@ -38,9 +38,6 @@ class SegmentProgress(Protocol):
     def p99_ns(self) -> int | None:
         """Return the p99 of the latest latencies; None before the first message."""
 
-    def cores(self) -> Mapping[str, float]:
-        """Return the recent CPU use of each process, in cores."""
-
 
 class Progress:
     """Receives progress; every method returns immediately and never raises. These discard it."""

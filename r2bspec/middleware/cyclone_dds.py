@@ -19,8 +19,6 @@ class CycloneDds(Middleware):
     variables = ("CYCLONEDDS_*",)
     override_variables = ("CYCLONEDDS_URI",)
     distributions = ("cyclonedds", "rmw-cyclonedds-cpp")
-    # From Jazzy on; before, it gives no time of reception at all.
-    stamps_when_taken = True
     # Its default; for sending it takes that of the kernel.
     socket_buffers = SocketBuffers(receive=1 << 20)
 

@@ -118,7 +118,6 @@ class Middleware:
             after the one before it has ended; then the rest are asked to end at once.
         may_hang_on_exit: whether a process of the harness may hang while it leaves the RMW, and
             needs a timer that ends it all the same.
-        stamps_when_taken: whether its time of reception is the time at which a message is taken.
         uses_shared_memory: whether its processes have files in `SHARED_MEMORY`.
     """
 
@@ -131,7 +130,6 @@ class Middleware:
     socket_buffers = SocketBuffers()
     exit_in_turn_s: float = 0.0
     may_hang_on_exit: bool = False
-    stamps_when_taken: bool = False
     uses_shared_memory: bool = False
 
     def configure(self, transport: MessageTransport, folder: Path) -> Mapping[str, str]:

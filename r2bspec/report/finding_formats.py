@@ -12,10 +12,8 @@ names are relative to the working directory of `validate`. The fingerprint of a 
 its code, file, path and message, not of its line, so that it does not change when lines are
 inserted above it.
 
-JUnit XML has a suite for each file, a case for each family of codes. A case with errors has a
-failure that lists them with place and message. Warnings are in its output and do not fail it, as
-they do not fail `validate`. A family without findings is a case that passed, or that was skipped
-because the document itself has errors.
+JUnit XML has a suite, with a case for each file, which its errors fail, with their places and
+messages. Warnings are in its output, and do not fail it, as they do not fail `validate`.
 
 GitHub keeps ten annotations of each step and drops the rest silently. Errors therefore come first,
 and a last line gives the number of findings without an annotation.
@@ -36,7 +34,7 @@ import msgspec
 
 from r2bspec._version import __version__
 from r2bspec.diagnostics import Diagnostic, Severity, Span, format_path
-from r2bspec.diagnostics.code_pages import FAMILIES, find_page
+from r2bspec.diagnostics.code_pages import find_page
 from r2bspec.diagnostics.quote import printable
 from r2bspec.report.findings_text import code_with_slug, render_text, slug_of
 
@@ -119,7 +117,7 @@ SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
 _LEVELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}
 
 
-def _sarif(diagnostics: Sequence[Diagnostic], files: Iterable[str]) -> str:
+def _sarif(diagnostics: Sequence[Diagnostic], _files: Iterable[str]) -> str:
     """One SARIF log with one run."""
     codes = sorted({finding.code for finding in diagnostics})
     log = {
@@ -135,7 +133,6 @@ def _sarif(diagnostics: Sequence[Diagnostic], files: Iterable[str]) -> str:
                     }
                 },
                 "columnKind": "unicodeCodePoints",
-                "artifacts": [{"location": _location(file)} for file in files],
                 "results": [
                     _sarif_result(diagnostic, codes.index(diagnostic.code))
                     for diagnostic in diagnostics
@@ -168,7 +165,7 @@ def _sarif_result(found: Diagnostic, rule: int) -> dict[str, Any]:
         "ruleIndex": rule,
         "level": _LEVELS[found.severity],
         "message": {"text": text},
-        "locations": [_place(found.span) | ({"logicalLocations": [_name(path)]} if path else {})],
+        "locations": [_place(found.span)],
         "partialFingerprints": {"codePathMessage/v1": _fingerprint(found, path)},
         "properties": {"certainty": found.certainty.value},
     }
@@ -177,23 +174,7 @@ def _sarif_result(found: Diagnostic, rule: int) -> dict[str, Any]:
             _place(related.span) | {"id": number, "message": {"text": related.message}}
             for number, related in enumerate(found.related, start=1)
         ]
-    if found.edit is not None:
-        change = {
-            "artifactLocation": _location(found.edit.span.file),
-            "replacements": [
-                {
-                    "deletedRegion": _region(found.edit.span),
-                    "insertedContent": {"text": found.edit.text},
-                }
-            ],
-        }
-        description = {"text": found.help or found.message}
-        result["fixes"] = [{"description": description, "artifactChanges": [change]}]
     return result
-
-
-def _name(path: str) -> dict[str, str]:
-    return {"fullyQualifiedName": path, "kind": "property"}
 
 
 def _place(span: Span) -> dict[str, Any]:
@@ -224,33 +205,16 @@ def _fingerprint(found: Diagnostic, path: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:32]
 
 
-_DOCUMENT_FAMILIES = frozenset("01")
-"""Families whose errors prevent the rules of the other families from being applied."""
-
-_OPTIONAL_FAMILIES = frozenset("7")
-"""Families that only other verbs than `validate` check."""
-
-
 def _junit(diagnostics: Sequence[Diagnostic], files: Iterable[str]) -> str:
     from junitparser import JUnitXml, TestSuite
 
     by_file: dict[str, list[Diagnostic]] = {file: [] for file in files}
     for diagnostic in diagnostics:
         by_file.setdefault(diagnostic.span.file, []).append(diagnostic)
-    xml = JUnitXml("r2bspec validate")
-    for file, inside in by_file.items():
-        suite = TestSuite(printable(file))
-        unusable = any(
-            _is_error(finding) and finding.code[3] in _DOCUMENT_FAMILIES for finding in inside
-        )
-        for family, title in FAMILIES.items():
-            own = [finding for finding in inside if finding.code[3] == family]
-            if not own and family in _OPTIONAL_FAMILIES:
-                continue
-            was_checked = not unusable or family in _DOCUMENT_FAMILIES
-            suite.add_testcase(_case(f"R2B{family}xx {title}", file, own, was_checked=was_checked))
-        # Their names differ: not compared with each other, which is what adding them does.
-        xml.append(suite)  # type: ignore[no-untyped-call]
+    suite = TestSuite("r2bspec validate")
+    suite.add_testcases([_case(file, inside) for file, inside in by_file.items()])
+    xml = JUnitXml(suite.name)
+    xml.add_testsuite(suite)
     return junit_text(xml)
 
 
@@ -261,19 +225,16 @@ def junit_text(xml: JUnitXml) -> str:
     return buffer.getvalue().decode().rstrip() + "\n"
 
 
-def _case(name: str, file: str, inside: list[Diagnostic], *, was_checked: bool) -> TestCase:
-    from junitparser import Failure, Skipped, TestCase
+def _case(file: str, inside: Sequence[Diagnostic]) -> TestCase:
+    from junitparser import Failure, TestCase
 
-    case = TestCase(name, printable(file))
+    case = TestCase(printable(file), "r2bspec validate")
     errors = [finding for finding in inside if _is_error(finding)]
-    if not was_checked and not inside:
-        case.result = [Skipped("not checked: the document itself has errors")]
     if errors:
         failure = Failure(_message(errors[0]), errors[0].code)
-        failure.text = "\n".join(_line(error) for error in errors)
+        failure.text = "\n".join(map(_line, errors))
         case.result = [failure]
-    others = [_line(finding) for finding in inside if not _is_error(finding)]
-    if others:
+    if others := [_line(finding) for finding in inside if not _is_error(finding)]:
         case.system_out = "\n".join(others)
     return case
 

@@ -1,17 +1,16 @@
 """What a reader must know to interpret the results: sentences, the most important first.
 
-A report shows at most five notes, and none for an ordinary run that passes; pages, and reports with
-``--verbose``, show the others. What is true of every run alike is no note: it is in the
-documentation of verdicts. A sentence that the report already contains, such as the reason of a
-failed requirement, is left out. If a busy machine leaves a run open, that is said first and alone,
-so that no advice about the graph contradicts it.
+A report shows at most five notes, and none for an ordinary run that passes; with ``--verbose`` it
+shows all. What is true of every run alike is no note: it is in the documentation of verdicts. A
+sentence that the report already contains, such as the reason of a failed requirement, is left out.
+If a busy machine leaves a run open, that is said first and alone, so that no advice about the graph
+contradicts it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator, Sequence
-from enum import IntEnum
-from typing import Final, NamedTuple
+from collections.abc import Container, Iterator, Sequence
+from typing import Final
 
 from r2bspec.diagnostics.quote import first_words, join_words
 from r2bspec.judge.measure.own_pace import own_pace_text
@@ -19,7 +18,6 @@ from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK
-from r2bspec.middleware.middleware import middleware_named
 from r2bspec.record.run_record import ProfileRecord
 from r2bspec.report import wording
 from r2bspec.report.anatomy_table import anatomies_of, blocker_text, share
@@ -31,57 +29,15 @@ _IDLE_SHARE: Final = 0.1
 """Of the period, that a process may use without messages, unnoticed."""
 
 
-class Weight(IntEnum):
-    """The importance of a note, the most important first."""
-
-    BUSY = 0
-    """Nothing but other programs leaves the run open: what they did is said first and alone."""
-    BROKEN = 1
-    """The run, a process or an output did not do what it was to do."""
-    OPEN = 2
-    """What a requirement that is not met, or not decided, rests on."""
-    INTERFERENCE = 3
-    """Other programs took part in what is not decided, or failed; then where the time goes."""
-    PLAYED = 4
-    """What was played, received and used is not all, or not only, what the spec names."""
-    DETAIL = 5
-    """True, but no reason to read the results in another way; only in a verbose report."""
-
-
-class Note(NamedTuple):
-    """A sentence and its importance."""
-
-    weight: Weight
-    text: str
-
-
-class Notes(NamedTuple):
-    """The notes that a report shows, and those that it leaves out."""
-
-    shown: tuple[str, ...]
-    others: tuple[str, ...]
-
-
-def notes(result: Result, *, verbose: bool = False) -> Notes:
-    """Return the notes of a result: five at most, or all of them."""
-    ordered = all_notes(result)
-    if verbose:
-        return Notes(tuple(note.text for note in ordered), ())
-    busy = [note.text for note in ordered if note.weight is Weight.BUSY]
-    important = busy or [note.text for note in ordered if note.weight < Weight.DETAIL]
-    shown = tuple(important[:MOST_NOTES])
-    return Notes(shown, tuple(note.text for note in ordered if note.text not in shown))
-
-
-def all_notes(result: Result) -> tuple[Note, ...]:
-    """Return every note once, the most important first; equal notes keep their order."""
+def notes(result: Result, *, verbose: bool = False) -> tuple[str, ...]:
+    """Return the notes of a result, each once: five at most, or all of them."""
+    busy = tuple(_busy_notes(result))
+    if busy and not verbose:
+        return busy
     said = _said(result)
-    texts: dict[str, Note] = {}
-    for note in _weighted(result):
-        text = " ".join(note.text.split())
-        if text and text.rstrip(".").lower() not in said:
-            texts.setdefault(text, Note(note.weight, text))
-    return tuple(sorted(texts.values(), key=lambda note: note.weight))
+    flat = (" ".join(text.split()) for text in (*busy, *_in_order(result, verbose=verbose)))
+    texts = [*dict.fromkeys(text for text in flat if text.rstrip(".").lower() not in said)]
+    return tuple(texts if verbose else texts[:MOST_NOTES])
 
 
 def _said(result: Result) -> str:
@@ -93,51 +49,30 @@ def _said(result: Result) -> str:
     return " ".join(texts).lower()
 
 
-def _weighted(result: Result) -> Iterator[Note]:
-    """Yield the notes in the order in which they are worked out."""
-    passes = result.verdict.outcome == "pass"
+def _in_order(result: Result, *, verbose: bool) -> Iterator[str]:
+    """Yield all notes: first what has failed, then what open verdicts rest on, then the rest."""
+    yield from _status_notes(result)
+    for gap in result.output_gaps:
+        yield f"No more messages on {gap.topic} in {gap.segment}. {gap.reason}"
+    yield from _exit_notes(result)
+    yield from _fitting_matches(result)
+    yield from _requirement_notes(result, ("fail", "inconclusive"))
+    yield from _untested(result)
     is_complete = not any(one.left_open for one in result.verdict.requirements)
-    of_host = Weight.DETAIL if passes and is_complete else Weight.INTERFERENCE
-    decisions = result.pairs.notes if result.pairs is not None else ()
-    groups: tuple[tuple[Weight, Iterable[str]], ...] = (
-        (Weight.BROKEN, _status_notes(result)),
-        (
-            Weight.BROKEN,
-            (
-                f"No more messages on {gap.topic} in {gap.segment}. {gap.reason}"
-                for gap in result.output_gaps
-            ),
-        ),
-        # Each start has a process of the name; that all end in one way is one note.
-        (Weight.BROKEN, _exit_notes(result)),
-        (Weight.BROKEN, _fitting_matches(result)),
-        (Weight.BUSY, _busy_notes(result)),
-        (Weight.OPEN, _requirement_notes(result, ("fail", "inconclusive"))),
-        (Weight.OPEN, _untested(result, met=True)),
-        (of_host, _interference_notes(result)),
-        (Weight.INTERFERENCE, _anatomy_notes(result)),
-        (Weight.DETAIL, (f"{text[:1].upper()}{text[1:]}" for text in decisions)),
-        (Weight.PLAYED, unplayed_notes(result)),
-        (Weight.PLAYED, result.left_out),
-        (Weight.PLAYED, _message_anomalies(result)),
-        (Weight.PLAYED, idle_work_notes(result)),
-        (
-            Weight.PLAYED,
-            (
-                f"{difference.code}: {difference.message}; {difference.help}"
-                for difference in result.differences
-                if difference.harmless
-            ),
-        ),
-        (Weight.PLAYED, profile_notes(result.profiles)),
-        (Weight.DETAIL, _live_notes(result)),
-        (Weight.DETAIL, _untested(result, met=False)),
-        (Weight.DETAIL, _joined_notes(result)),
-        (Weight.DETAIL, _reception_notes(result)),
-        (Weight.DETAIL, _requirement_notes(result, ("pass",))),
-        (Weight.DETAIL, overhead_notes(result)),
-    )
-    yield from (Note(weight, text) for weight, texts in groups for text in texts)
+    if verbose or result.verdict.outcome != "pass" or not is_complete:
+        yield interference_text(result)
+    yield from _anatomy_notes(result)
+    yield from unplayed_notes(result)
+    yield from result.left_out
+    yield from _message_anomalies(result)
+    yield from idle_work_notes(result)
+    for difference in result.differences:
+        if difference.harmless:
+            yield f"{difference.code}: {difference.message}; {difference.help}"
+    if verbose:
+        decisions = result.pairs.notes if result.pairs is not None else ()
+        yield from (f"{text[:1].upper()}{text[1:]}" for text in decisions)
+        yield from _requirement_notes(result, ("pass",))
 
 
 def _anatomy_notes(result: Result) -> Iterator[str]:
@@ -191,7 +126,7 @@ def _busy_notes(result: Result) -> Iterator[str]:
         wording.open_on_busy_machine(requirement, result) for requirement in open_requirements
     ):
         return
-    affected = "; ".join(_interference_notes(result)) or "Other programs used this machine"
+    affected = interference_text(result) or "Other programs used this machine"
     way = "run again on an idle machine"
     if all(requirement.weakened for requirement in open_requirements):
         way += "; 'gate.interference: tolerate' judges it as it is"
@@ -223,11 +158,6 @@ def interference_text(result: Result) -> str:
     if not affected:
         return ""
     return f"Host interference in {join_words(affected, 'and')}; for example, {example}"
-
-
-def _interference_notes(result: Result) -> Iterator[str]:
-    if text := interference_text(result):
-        yield text
 
 
 def idle_work_notes(result: Result) -> Iterator[str]:
@@ -274,14 +204,14 @@ def _requirement_notes(result: Result, outcomes: Sequence[str]) -> Iterator[str]
         yield f"{first_words(where, 1)}: {text}"
 
 
-def _untested(result: Result, *, met: bool) -> Iterator[str]:
-    """Yield what would change a verdict and cannot be seen in the run.
+def _untested(result: Result) -> Iterator[str]:
+    """Yield what would change a verdict and cannot be seen in the run, where some were bad.
 
-    Where a run has met nothing bad, that is true of every run of its length, and a detail.
+    Where a run has met nothing bad, that is true of every run of its length.
     """
     several = wording.several_monitors(result.verdict)
     for verdict in result.verdict.requirements:
-        if verdict.untested and met == (verdict.share is None or verdict.share.over > 0):
+        if verdict.untested and (verdict.share is None or verdict.share.over > 0):
             yield f"{_where(verdict, several=several)}: {verdict.untested}"
 
 
@@ -299,7 +229,7 @@ def _exit_notes(result: Result) -> Iterator[str]:
             yield f"Process {process.name} ended with {ended}"
 
 
-def profile_notes(profiles: Sequence[ProfileRecord]) -> Iterator[str]:
+def profile_texts(profiles: Sequence[ProfileRecord]) -> Iterator[str]:
     """Yield the files of each profile, or why there are none, a sentence each."""
     for profile in profiles:
         at = f" {at_rate(profile.rate_hz)}" if profile.rate_hz else ""
@@ -317,44 +247,6 @@ def unplayed_notes(result: Result) -> Iterator[str]:
     for text in result.unplayed:
         agreed = ", as 'playback.unpaired' allows" if text.agreed else ""
         yield f"{'Warning: ' if text.is_warning else ''}{text.text}{agreed}"
-
-
-def _live_notes(result: Result) -> Iterator[str]:
-    """Yield what is unknown in a live run."""
-    live = [rate for rate in result.metrics.rates if rate.pace == "source"]
-    if not live:
-        return
-    yield (
-        "The graph has its own source: the messages it sent are not recorded, so missed ones are "
-        "unknown"
-    )
-    for rate in live:
-        for name, seen in rate.pooled.monitors.items():
-            if seen.latency.n < (received := seen.count("received")):
-                yield (
-                    f"{name}: the latency of {show(received - seen.latency.n, 'count')} "
-                    "messages is unknown: they have no stamp of this machine's clock"
-                )
-
-
-def _reception_notes(result: Result) -> Iterator[str]:
-    """What latencies include because the middleware does not say when messages were received."""
-    rmw = wording.loaded_rmw(result)
-    seen = [monitor for rate in result.metrics.rates for monitor in rate.pooled.monitors.values()]
-    received, untimed = (
-        sum(sample.count("received") for sample in seen),
-        sum(sample.count("untimed") for sample in seen),
-    )
-    if 2 * untimed > received:
-        what = "gives no times of reception"
-    elif rmw and received and middleware_named(rmw).stamps_when_taken:
-        what = "stamps messages when they are taken, not when they are received"
-    else:
-        return
-    yield (
-        f"{rmw or 'The middleware'} {what}: all latencies include the time until the monitor takes "
-        "a message, and do not compare with those of other middlewares"
-    )
 
 
 def _is_feedback(name: str, measured: Container[str]) -> bool:
@@ -405,32 +297,3 @@ def _message_anomalies(result: Result) -> Iterator[str]:
             texts = [f"{show(count, 'count')} {what}" for what, count in odd.items() if count]
             if texts:
                 yield f"{where}: of {show(received, 'count')} messages, {', '.join(texts)}"
-
-
-def _joined_notes(result: Result) -> Iterator[str]:
-    """Yield in which processes of the graph player and monitors ran."""
-    parts = dict.fromkeys(
-        (process.name, process.parts) for process in result.processes if process.parts
-    )
-    for name, harness in parts:
-        yield (
-            f"Process {name} contains the {' and the '.join(harness)} of the harness: its "
-            "processor time, memory and page faults include theirs"
-        )
-
-
-def overhead_notes(result: Result) -> Iterator[str]:
-    """Yield the placement of the harness for its overhead, and how large the overhead is."""
-    where = wording.overhead_placement(result.harness_overhead)
-    latencies_ns = [
-        overhead.latency_p50_ns
-        for overhead in result.harness_overhead
-        if overhead.latency_p50_ns is not None
-    ]
-    if where and latencies_ns:
-        placement = result.harness_overhead[0].placement
-        overhead = show(max(latencies_ns) / 1e9, "s")
-        yield (
-            f"The harness overhead is about {overhead} at p50 without the load of the graph, "
-            f"{where} (harness.placement: {placement}); the latencies contain it"
-        )

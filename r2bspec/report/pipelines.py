@@ -30,7 +30,7 @@ from r2bspec.language.load_spec import LoadedSpec, load_spec
 from r2bspec.language.located_tree import ListNode, ScalarNode, lookup
 from r2bspec.report import wording
 from r2bspec.report.finding_formats import command, command_place, junit_text
-from r2bspec.report.notes import notes, unplayed_notes
+from r2bspec.report.notes import notes
 from r2bspec.safe_io.safe_file import is_regular
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     judged = not case.result and verdict.requirements
     texts = [line, wording.reason_after(line, verdict)] if judged else []
     told = notes(report_input.result, verbose=report_input.verbose)
-    texts = [*filter(None, texts), *wording.comparison(report_input.result), *told.shown]
+    texts = [*filter(None, texts), *wording.comparison(report_input.result), *told]
     if texts:
         case.system_out = "\n".join(map(printable_lines, texts))
     return case
@@ -170,11 +170,6 @@ def _commands(report_input: ReportInput) -> Iterator[str]:
     told = "\n".join(filter(None, (line, wording.reason_after(line, verdict))))
     whole = {"file": file} if file else {}
     yield command(kind, title, told, whole)
-    for one_input, text in zip(
-        report_input.result.unplayed, unplayed_notes(report_input.result), strict=True
-    ):
-        shown = "warning" if one_input.is_warning else "notice"
-        yield command(shown, f"{report_input.result.name}: {one_input.topic}", text, whole)
     annotated = [
         one for outcome in _COMMANDS for one in verdict.requirements if one.outcome == outcome
     ]

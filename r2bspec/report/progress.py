@@ -6,11 +6,11 @@ import contextlib
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from r2bspec.diagnostics.plain_text import plain
-from r2bspec.diagnostics.quote import printable, time_text
+from r2bspec.diagnostics.quote import time_text
 from r2bspec.execute.states import Progress, SegmentProgress
 from r2bspec.judge.measure.units import show
 from r2bspec.plan.time_estimate import BOTH_SIDES, TimeEstimate
@@ -114,17 +114,11 @@ _LATE_S = 5.0
 _LINE_INTERVAL_S = 10.0
 """Logs should be short, and show that the run continues."""
 
-_WAIT_INTERVAL_S = 60.0
-"""While others run, little changes."""
-
-_CI_INTERVAL_S = 60.0
-"""The log of a CI job has a line a minute: many jobs are read only when they have failed."""
+_RARE_INTERVAL_S = 60.0
+"""Of a CI job, whose log is read only when it has failed, and while others have the host."""
 
 _REFRESH_INTERVAL_S = 0.5
 """Faster updates are not readable, and each takes time from the run."""
-
-_MAX_PROCESSES = 4
-"""Processes whose load is shown, the busiest first."""
 
 
 def progress_text(progress: SegmentProgress, steps: int) -> str:
@@ -134,14 +128,6 @@ def progress_text(progress: SegmentProgress, steps: int) -> str:
     if p99_ns is not None:
         parts.append(f"p99 {show(p99_ns / 1e9, 's')}")
     return " · ".join(parts)
-
-
-def load_text(cores: Mapping[str, float]) -> str:
-    """Return the busiest processes, with their share of a core."""
-    busiest = sorted(cores.items(), key=lambda one: -one[1])[:_MAX_PROCESSES]
-    # Names come from the user and may contain control characters.
-    shown = [f"{printable(name)} {show(used, 'share', 2)}" for name, used in busiest]
-    return f"CPU {' · '.join(shown)}" if shown else ""
 
 
 class _ShownProgress(Progress):
@@ -162,96 +148,93 @@ class _ShownProgress(Progress):
     def segment(self, title: str, steps: int) -> None:
         self._title, self._steps = title, steps
 
-    def _begins(self, place: str) -> bool:
-        """Return True for another place in the queue than before."""
-        before, self._place = self._place, place
-        return place != before
+    def _is_due(self, interval_s: float) -> bool:
+        """Return True at most once in an interval."""
+        is_due = time.monotonic() >= self._next
+        if is_due:
+            self._next = time.monotonic() + interval_s
+        return is_due
+
+    def waiting(self, place: str, left: str) -> None:
+        if place != self._place:
+            self._place, self._next = place, 0.0
+        if self._is_due(self._waiting_interval_s):
+            self._show_place(place, left)
+
+    _waiting_interval_s = _RARE_INTERVAL_S
+
+    def _show_place(self, place: str, left: str) -> None:
+        """Show the place in the queue of this host."""
 
     def _rest(self) -> str:
         return self._remaining.text() if self._remaining is not None else ""
 
 
-class _PlainProgress(_ShownProgress):
-    """A plain line for each event, with the seconds since the start."""
+class _Lines(_ShownProgress):
+    """A line for each event, with the seconds since the start; rarely if the log is of CI."""
+
+    def __init__(self, remaining: RemainingTime | None, *, rare: bool) -> None:
+        super().__init__(remaining)
+        self._rare = rare
+        self._notes: set[str] = set()
 
     def _write_line(self, *parts: str) -> None:
         text = " · ".join(filter(None, parts))
         write(sys.stderr, f"[{time.monotonic() - self._began:6.1f} s] {plain(text)}\n")
 
-    def phase(self, name: str, text: str) -> None:
-        super().phase(name, text)
-        self._write_line(text, self._rest() if name == BOTH_SIDES else "")
-
-    def segment(self, title: str, steps: int) -> None:
-        super().segment(title, steps)
-        self._write_line(f"  {title}")
-        self._next = time.monotonic() + _LINE_INTERVAL_S
-
-    def playing(self, view: SegmentProgress) -> None:
-        if time.monotonic() >= self._next:
-            self._next += _LINE_INTERVAL_S
-            now = progress_text(view, self._steps)
-            self._write_line(f"    {now}", self._rest(), load_text(view.cores()))
-
-    def waiting(self, place: str, left: str) -> None:
-        if self._begins(place) or time.monotonic() >= self._next:
-            self._next = time.monotonic() + _WAIT_INTERVAL_S
-            self._write_line(place, left)
-
-    def note(self, text: str) -> None:
-        self._write_line(f"  {text}")
-
-
-class _CiProgress(_PlainProgress):
-    """At most a line a minute, and each note once."""
-
-    def __init__(self, remaining: RemainingTime | None) -> None:
-        super().__init__(remaining)
-        self._notes: set[str] = set()
-
-    def _write_at_times(self, view: SegmentProgress | None = None) -> None:
-        if time.monotonic() >= self._next:
-            self._next = time.monotonic() + _CI_INTERVAL_S
-            detail = progress_text(view, self._steps) if view is not None else ""
+    def _write_rarely(self, detail: str = "") -> None:
+        if self._is_due(_RARE_INTERVAL_S):
             self._write_line(self._phase_text, self._title, detail, self._rest())
 
     def phase(self, name: str, text: str) -> None:
-        _ShownProgress.phase(self, name, text)
-        self._write_at_times()
+        super().phase(name, text)
+        if self._rare:
+            self._write_rarely()
+        else:
+            self._write_line(text, self._rest() if name == BOTH_SIDES else "")
 
     def segment(self, title: str, steps: int) -> None:
-        _ShownProgress.segment(self, title, steps)
-        self._write_at_times()
+        super().segment(title, steps)
+        if self._rare:
+            self._write_rarely()
+        else:
+            self._write_line(f"  {title}")
+            self._next = time.monotonic() + _LINE_INTERVAL_S
 
     def playing(self, view: SegmentProgress) -> None:
-        self._write_at_times(view)
+        if self._rare:
+            self._write_rarely(progress_text(view, self._steps))
+        elif self._is_due(_LINE_INTERVAL_S):
+            self._write_line(f"    {progress_text(view, self._steps)}", self._rest())
+
+    def _show_place(self, place: str, left: str) -> None:
+        self._write_line(place, left)
 
     def note(self, text: str) -> None:
         if text not in self._notes:
             self._notes.add(text)
-            super().note(text)
+            self._write_line(f"  {text}")
 
 
-class _LiveProgress(_ShownProgress):
-    """Two lines that change in place, progress and load; notes stay above."""
+class _Live(_ShownProgress):
+    """A line that changes in place; notes stay above."""
+
+    _waiting_interval_s = _REFRESH_INTERVAL_S
 
     def __init__(self, console: Console, status: Status, remaining: RemainingTime | None) -> None:
         super().__init__(remaining)
         self._console = console
         self._status = status
 
-    def _show(self, detail: str = "", below: str = "") -> None:
-        from rich.console import Group
+    def _show(self, detail: str = "") -> None:
         from rich.text import Text
 
         elapsed = f"{time.monotonic() - self._began:.0f} s"
         times = " · ".join(filter(None, (elapsed, self._rest())))
-        above = Text.assemble((self._phase_text, "bold"), f"  {detail}  ", (times, "dim"))
-        lines = [above, *([Text(below, style="dim")] if below else [])]
-        for line in lines:
-            # A wrapped line would not be erased by the next one.
-            line.no_wrap, line.overflow = True, "ellipsis"
-        self._status.update(Group(*lines))
+        # A wrapped line would not be erased by the next one.
+        line = Text(no_wrap=True, overflow="ellipsis")
+        line.append(self._phase_text, "bold").append(f"  {detail}  ").append(times, "dim")
+        self._status.update(line)
 
     def phase(self, name: str, text: str) -> None:
         super().phase(name, text)
@@ -265,16 +248,12 @@ class _LiveProgress(_ShownProgress):
         self._show(title)
 
     def playing(self, view: SegmentProgress) -> None:
-        if time.monotonic() >= self._next:
-            self._next = time.monotonic() + _REFRESH_INTERVAL_S
-            now = progress_text(view, self._steps)
-            self._show(f"{self._title}: {now}", load_text(view.cores()))
+        if self._is_due(_REFRESH_INTERVAL_S):
+            self._show(f"{self._title}: {progress_text(view, self._steps)}")
 
-    def waiting(self, place: str, left: str) -> None:
-        if self._begins(place) or time.monotonic() >= self._next:
-            self._next = time.monotonic() + _REFRESH_INTERVAL_S
-            self._phase_text = place
-            self._show(left)
+    def _show_place(self, place: str, left: str) -> None:
+        self._phase_text = place
+        self._show(left)
 
     def note(self, text: str) -> None:
         self._console.print(f"  {text}", markup=False, highlight=False, style="dim")
@@ -295,11 +274,9 @@ def shown_progress(
     """
     if quiet:
         yield Progress()
-    elif os.environ.get("CI"):
-        yield _CiProgress(remaining)
-    elif not sys.stderr.isatty():
-        yield _PlainProgress(remaining)
+    elif os.environ.get("CI") or not sys.stderr.isatty():
+        yield _Lines(remaining, rare=bool(os.environ.get("CI")))
     else:
         terminal = console(sys.stderr)
         with terminal.status("starting") as status:
-            yield _LiveProgress(terminal, status, remaining)
+            yield _Live(terminal, status, remaining)

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import msgspec
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import split_output
-from r2bspec.judge.measure.distribution import TAIL_PERCENTILE, part_title, part_value
 from r2bspec.judge.measure.metric import SECTIONS, MetricInfo, Outputs
 from r2bspec.judge.measure.metric_catalogue import device_metric
 from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics, UseMetrics
 from r2bspec.judge.measure.units import at_rate, show, show_rate, significant
 from r2bspec.judge.result import Result
-from r2bspec.judge.verdict import RequirementVerdict, Verdict
-from r2bspec.record.run_record import Probe
+from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.report import anatomy_table, wording
 from r2bspec.report.document import (
     Block,
@@ -34,12 +32,11 @@ from r2bspec.report.document import (
     Verbatim,
     number,
 )
-from r2bspec.report.notes import notes, profile_notes
+from r2bspec.report.notes import notes, profile_texts
 from r2bspec.report.result_table import (
     Measured,
     is_roomy,
     measured,
-    measured_iterations,
     monitor_names,
     pointer,
     section_metrics,
@@ -48,12 +45,6 @@ from r2bspec.report.result_table import (
 
 Charts = Mapping[str, Sequence[Chart]]
 """The charts of a page, by the title of their section."""
-
-_MAX_ITERATIONS: Final = 200
-"""Iterations in the table of a page; CSV has all."""
-
-_MAX_REQUIREMENTS: Final = 2_000
-"""Requirements in a table, the worst first; JSON has all."""
 
 
 def result_document(
@@ -68,9 +59,10 @@ def result_document(
     """
     result, verbose = report_input.result, report_input.verbose
     line, drawn = wording.headline(result), charts or {}
+    told, profiles = notes(result, verbose=verbose), tuple(profile_texts(result.profiles))
     sections = (
         Section("Verdicts", tuple(_verdict_blocks(result, verbose=verbose))),
-        Section("Notes", tuple(_note_blocks(result, verbose=verbose))),
+        Section("Notes", (Items(told),) if told else ()),
         Section("Graph", tuple(drawn.get("Graph", ())), detail=Detail.PAGE),
         Section(
             "Measurements",
@@ -83,7 +75,7 @@ def result_document(
             tuple(_anatomy_blocks(result, whole=whole or verbose)),
             folded=True,
         ),
-        Section("Profile", tuple(_profile_blocks(result))),
+        Section("Profile", (Items(profiles),) if profiles else ()),
         Section(
             "Environment", tuple(_environment_blocks(result)), folded=True, detail=Detail.COMMENT
         ),
@@ -267,31 +259,7 @@ def _verdict_blocks(result: Result, *, verbose: bool) -> Iterator[Block]:
     rates = {one.at_hz for one in verdict.requirements}
     rate = rates.pop() if len(rates) == 1 else None
     at = "" if rate is None else at_rate(rate, wording.own_pace(result.metrics))
-    yield Table("requirements", columns, tuple(rows[:_MAX_REQUIREMENTS]), at)
-    if len(rows) > _MAX_REQUIREMENTS:
-        yield Paragraph(f"{len(rows) - _MAX_REQUIREMENTS:,} more: --report json=FILE has all.")
-    if values := [*_compared_values(verdict)]:
-        yield Fold("Values of each start or pair", (Items(tuple(values)),), detail=Detail.PAGE)
-
-
-def _compared_values(verdict: Verdict) -> Iterator[str]:
-    for one in verdict.requirements:
-        if one.compared is not None and one.compared.base_values:
-            unit = one.compared.unit
-            base, head = (
-                ", ".join("none" if value is None else show(value, unit) for value in values)
-                for values in (one.compared.base_values, one.compared.head_values)
-            )
-            yield f"{one.text.strip()}: base {base}; head {head}"
-
-
-def _note_blocks(result: Result, *, verbose: bool) -> Iterator[Block]:
-    told = notes(result, verbose=verbose)
-    if told.shown:
-        yield Items(told.shown)
-    if told.others:
-        title = f"{len(told.others)} more, of less weight"
-        yield Fold(title, (Items(told.others),), detail=Detail.PAGE)
+    yield Table("requirements", columns, tuple(rows), at)
 
 
 # What monitors received.
@@ -303,23 +271,12 @@ def _measurement_blocks(report_input: ReportInput) -> Iterator[Block]:
     if report_input.run is None:
         text = "Made from a result.json; the charts of single messages need the run folder."
         yield Paragraph(text, quiet=True, detail=Detail.PAGE)
-    brief = [info for info in summary_metrics() if not is_roomy(info)]
     for name in monitor_names(metrics):
         title = result.monitor_title(name)
         yield _summary_table(title, [*measured(metrics, name)])
         for section in SECTIONS:
             columns = section_metrics(section)
             yield _metric_table(f"{title}: {section}", columns, measured(metrics, name))
-        rows = [*measured_iterations(metrics, name)]
-        if len(rows) > 1:
-            yield Fold(
-                f"Iterations at {title}",
-                (_metric_table("iterations", brief, rows[:_MAX_ITERATIONS]),),
-                detail=Detail.PAGE,
-            )
-        if len(rows) > _MAX_ITERATIONS:
-            more = f"{len(rows) - _MAX_ITERATIONS:,} more iterations: --report csv=FILE has all."
-            yield Paragraph(more, quiet=True, detail=Detail.PAGE)
     yield from _search_blocks(metrics)
 
 
@@ -364,7 +321,7 @@ def _metric_table(title: str, metrics: Sequence[MetricInfo], rows: Iterable[Meas
     lines = tuple(
         Row(
             (
-                Cell(f"{row.segment} {row.offered}".strip()),
+                Cell(row.offered),
                 *(_metric_cell(row, info) for info in metrics),
             )
         )
@@ -382,30 +339,6 @@ def _search_blocks(metrics: RunMetrics) -> Iterator[Block]:
         if failed and failed[-1].holds is False:
             why = f". At {show(failed[-1].rate_hz, 'Hz')}: {failed[-1].reason}"
         yield Paragraph(f"Search: peak {wording.peak_text(search)}. Probes, in Hz: {marks}{why}")
-    for title, probes, path in (
-        ("Probes of the search", search.probes if search is not None else (), "search/probes"),
-        ("Probes of required rates", metrics.sustained, "sustained"),
-    ):
-        if probes:
-            yield Fold(title, (_probe_table(title, probes, f"metrics/{path}"),), Detail.PAGE)
-
-
-def _probe_table(title: str, probes: Sequence[Probe], path: str) -> Table:
-    columns = (*map(Column, ("offered", "delivered")), Column("sustained", number=False))
-    words = {True: "✔ yes", False: "✘ no", None: "? undecided"}
-    kinds = {"saturation": "overload: ", "confirmation": "played whole: "}
-    rows = []
-    for place, one in enumerate(probes):
-        why = f"; host interference: {', '.join(one.disturbed)}" if one.disturbed else ""
-        kept_up = one.keeps_up and one.holds is None
-        cells = (
-            number(one.rate_hz, "Hz", f"{path}/{place}/rate_hz"),
-            number(one.delivered_hz, "Hz", f"{path}/{place}/delivered_hz"),
-            Cell("~ keeps up" if kept_up else words[one.holds]),
-            Cell(f"{kinds.get(one.purpose, '')}{one.reason}{why}"),
-        )
-        rows.append(Row(cells))
-    return Table(title, (*columns, Column("reason", number=False)), tuple(rows))
 
 
 # What processes used.
@@ -428,9 +361,6 @@ def _load_blocks(result: Result) -> Iterator[Block]:
     if devices := tuple(_device_rows(rates)):
         columns = (Column("metric", number=False), Column("offered"), Column("value"))
         yield Table("devices", columns, devices, "GPUs (NVML) and processor packages (RAPL)")
-    if any(rate.pooled.playback.sent is not None for rate in rates):
-        yield _playback_table(rates)
-    yield from _interference_blocks(result)
     if result.harness_overhead:
         yield _overhead_table(result)
 
@@ -492,59 +422,6 @@ def _share_cell(share: float | None, path: str) -> Cell:
 
 def _faults_cell(faults: float | None, path: str) -> Cell:
     return Cell("") if faults is None else Cell(significant(faults, 2), faults, path)
-
-
-def _playback_table(rates: Sequence[RateMetrics]) -> Table:
-    titles = ("played", f"late {part_title(TAIL_PERCENTILE)}", "late max")
-    columns = (Column("offered", number=False), *map(Column, titles))
-    rows = []
-    for index, rate in enumerate(rates):
-        path, played = f"metrics/rates/{index}/pooled/playback", rate.pooled.playback
-        late = played.lateness
-        cells = (
-            Cell(show_rate(rate.offered_hz, rate.pace)),
-            number(played.rate_hz, "Hz", f"{path}/rate_hz"),
-            number(part_value(late, TAIL_PERCENTILE), "s", f"{path}/lateness/{TAIL_PERCENTILE}"),
-            number(late.max, "s", f"{path}/lateness/max"),
-        )
-        rows.append(Row(cells))
-    return Table("playback", columns, tuple(rows), "how late messages were played")
-
-
-_INTERFERENCE: Final = {
-    "pressure": ("tasks waited", "share"),
-    "foreign_cores": ("other processes", "share"),
-    "steal": ("stolen", "share"),
-    "throttled_s": ("throttled", "s"),
-    "frequency_hz": ("frequency", "Hz"),
-}
-
-
-def _interference_blocks(result: Result) -> Iterator[Fold]:
-    """Yield the host interference of each iteration."""
-    affected = {one.segment: "; ".join(one.reasons) for one in result.verdict.disturbed}
-    rows = []
-    for place, rate in enumerate(result.metrics.rates):
-        for kind in ("iterations", "reruns"):
-            for index, iteration in enumerate(getattr(rate, kind)):
-                if iteration.interference is None:
-                    continue
-                path = f"metrics/rates/{place}/{kind}/{index}/interference"
-                cells = (
-                    number(getattr(iteration.interference, key), unit, f"{path}/{key}")
-                    for key, (_, unit) in _INTERFERENCE.items()
-                )
-                why = Cell(affected.get(iteration.segment, "no"))
-                rows.append(Row((Cell(iteration.segment), *cells, why)))
-    if rows:
-        columns = (
-            Column("iteration", number=False),
-            *(Column(title) for title, _ in _INTERFERENCE.values()),
-            Column("affected", number=False),
-        )
-        aside = "shares of the time of each iteration; other processes in % of a core"
-        table = Table("host interference", columns, tuple(rows), aside)
-        yield Fold("Host interference by iteration", (table,), Detail.PAGE)
 
 
 def _overhead_table(result: Result) -> Table:
@@ -611,14 +488,6 @@ def _text_rows(rows: Iterable[Sequence[str]]) -> tuple[Row, ...]:
     return tuple(Row(tuple(map(Cell, row))) for row in rows)
 
 
-def _profile_blocks(result: Result) -> Iterator[Block]:
-    """Yield where profiles are; the terminal has them among the notes."""
-    if result.profiles:
-        text = "One more iteration was played with a profiler, after everything that counts."
-        yield Paragraph(f"{text} No value in this report is from it.", detail=Detail.PAGE)
-        yield Items(tuple(profile_notes(result.profiles)), detail=Detail.PAGE)
-
-
 # Machine, data and code.
 
 
@@ -638,12 +507,6 @@ def _environment_blocks(result: Result) -> Iterator[Block]:
     }
     rows = _text_rows((key, _plain(value)) for key, value in facts.items() if value != "")
     yield Table("environment", _columns(("what", "value"), words=2), rows)
-    processes = _text_rows(
-        (one.name, one.role, "unknown" if one.exit_code is None else str(one.exit_code))
-        for one in result.processes
-    )
-    columns = _columns(("process", "role", "exit code"), words=2)
-    yield Table("processes", columns, processes, detail=Detail.PAGE)
     yield Fold("The resolved spec", (Verbatim(result.spec),), Detail.PAGE)
 
 

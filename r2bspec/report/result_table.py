@@ -1,8 +1,8 @@
 """The values of monitors, and every value of a result in long format.
 
-A row of measurements has the values of a monitor at a rate, over all iterations or in one of them;
-its columns are the declared metrics, each with its unit and its place in ``result.json``.
-`result_rows` has one value a row, including values that belong to no monitor.
+A row of measurements has the values of a monitor at a rate, over all iterations; its columns are
+the declared metrics, each with its unit and its place in ``result.json``. `result_rows` has one
+value a row, including values that belong to no monitor.
 """
 
 from __future__ import annotations
@@ -63,15 +63,13 @@ class Measured:
     Attributes:
         rate: with everything that was measured at it.
         monitor: its name.
-        seen: of all iterations, or of the one of `segment`.
-        segment: the iteration; empty for all.
+        seen: of all iterations.
         path: of `seen` in ``result.json``, a JSON pointer without its first slash.
     """
 
     rate: RateMetrics
     monitor: str
     seen: MonitorMetrics
-    segment: str
     path: str
 
     @property
@@ -96,15 +94,7 @@ def measured(metrics: RunMetrics, monitor: str = "") -> Iterator[Measured]:
         for name, seen in rate.pooled.monitors.items():
             if monitor in {"", name}:
                 path = f"metrics/rates/{number}/pooled/monitors/{pointer(name)}"
-                yield Measured(rate, name, seen, "", path)
-
-
-def measured_iterations(metrics: RunMetrics, monitor: str) -> Iterator[Measured]:
-    """Yield the values of a monitor in each iteration, by rate."""
-    for number, rate in enumerate(metrics.rates):
-        for place, iteration in enumerate(rate.iterations):
-            path = f"metrics/rates/{number}/iterations/{place}/monitors/{pointer(monitor)}"
-            yield Measured(rate, monitor, iteration.monitors[monitor], iteration.segment, path)
+                yield Measured(rate, name, seen, path)
 
 
 def pointer(key: str) -> str:

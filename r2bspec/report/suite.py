@@ -13,7 +13,7 @@ import msgspec
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.diagnostics.plain_text import harmless
-from r2bspec.diagnostics.quote import pluralize, printable, printable_lines
+from r2bspec.diagnostics.quote import first_words, pluralize, printable, printable_lines
 from r2bspec.errors import ExitStatus, R2bspecError, split_output
 from r2bspec.judge.measure.distribution import SHORT_PERCENTILES, part_title, part_value
 from r2bspec.judge.measure.units import show, show_rate
@@ -169,6 +169,9 @@ _WORDS: Final[dict[str, str]] = {
     "error": "✘ ERROR",
     "skipped": "– skipped",
 }
+_NAMED_RUNS: Final = 5
+"""Runs that a sentence about several names; it counts the others."""
+
 _WORST_FIRST: Final = ("error", "fail", "inconclusive", "pass", "")
 
 
@@ -304,30 +307,24 @@ def _sentences(summary: SuiteSummary, results: Results) -> Iterator[str]:
     for run in summary.runs:
         for sentence in run.gate:
             names_of.setdefault(sentence, []).append(_called(run))
-    yield from (f"{', '.join(called)}: {sentence}" for sentence, called in names_of.items())
+    yield from (
+        f"{first_words(called, _NAMED_RUNS)}: {sentence}" for sentence, called in names_of.items()
+    )
     yield from _revision_sentences(summary)
 
 
 def _revision_sentences(summary: SuiteSummary) -> Iterator[str]:
-    """Yield the code that was run: once for all runs, and by name for those of other revisions.
-
-    A run without a base, such as that of a new spec, is no other if the head is the same.
-    """
-    names: dict[tuple[str, str], list[str]] = {}
-    # Runs with a base come first: the others have only half of what is said of them.
-    for run in sorted(summary.runs, key=lambda run: not run.base_revision):
-        same = ((head, base) for head, base in names if head == run.revision)
-        code = (run.revision, run.base_revision)
-        if run.revision:
-            known = code if run.base_revision else next(same, code)
-            names.setdefault(known, []).append(_called(run))
-    usual = max(names, key=lambda code: len(names[code]), default=None)
-    for code, called in names.items():
-        text = wording.revisions_text(*code)
-        if code == usual:
-            yield f"{text[:1].upper()}{text[1:]}"
-        else:
-            yield f"{', '.join(called)}: {text}"
+    """Yield the code that was run: once for all runs, and by name if it is not the same of all."""
+    names: dict[str, list[str]] = {}
+    # A run without a base, such as that of a new spec, is no other if the head is the same.
+    bases = {run.revision: run.base_revision for run in summary.runs if run.base_revision}
+    for run in summary.runs:
+        base = run.base_revision or bases.get(run.revision, "")
+        if text := wording.revisions_text(run.revision, base):
+            names.setdefault(text, []).append(_called(run))
+    for text, called in names.items():
+        whole = f"{text[:1].upper()}{text[1:]}"
+        yield whole if len(names) == 1 else f"{first_words(called, _NAMED_RUNS)}: {text}"
 
 
 def _junit(summary: SuiteSummary, known_runs: Sequence[SuiteRun], results: Results) -> str:

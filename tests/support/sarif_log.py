@@ -20,9 +20,7 @@ UriReference = Annotated[
 ]
 
 
-_UNIQUE = {
-    *("artifactChanges", "artifacts", "fixes", "logicalLocations", "relatedLocations", "rules")
-}
+_UNIQUE = {"relatedLocations", "rules"}
 
 
 class _Object(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename="camel"):
@@ -49,31 +47,10 @@ class PhysicalLocation(_Object, frozen=True):
     region: Region
 
 
-class LogicalLocation(_Object, frozen=True):
-    fully_qualified_name: str
-    kind: str
-
-
 class Location(_Object, frozen=True):
     physical_location: PhysicalLocation
-    logical_locations: tuple[LogicalLocation, ...] = ()
     id: Index | UnsetType = UNSET
     message: Message | UnsetType = UNSET
-
-
-class Replacement(_Object, frozen=True):
-    deleted_region: Region
-    inserted_content: Message
-
-
-class ArtifactChange(_Object, frozen=True):
-    artifact_location: ArtifactLocation
-    replacements: Annotated[tuple[Replacement, ...], msgspec.Meta(min_length=1)]
-
-
-class Fix(_Object, frozen=True):
-    description: Message
-    artifact_changes: Annotated[tuple[ArtifactChange, ...], msgspec.Meta(min_length=1)]
 
 
 class Result(_Object, frozen=True):
@@ -85,7 +62,6 @@ class Result(_Object, frozen=True):
     partial_fingerprints: dict[str, str]
     properties: dict[str, Any]
     related_locations: tuple[Location, ...] = ()
-    fixes: tuple[Fix, ...] = ()
 
 
 class Configuration(_Object, frozen=True):
@@ -111,14 +87,9 @@ class Tool(_Object, frozen=True):
     driver: Driver
 
 
-class Artifact(_Object, frozen=True):
-    location: ArtifactLocation
-
-
 class Run(_Object, frozen=True):
     tool: Tool
     column_kind: Literal["utf16CodeUnits", "unicodeCodePoints"]
-    artifacts: tuple[Artifact, ...]
     results: tuple[Result, ...]
 
 

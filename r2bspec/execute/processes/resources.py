@@ -317,8 +317,6 @@ class ResourceSampler:
         self._devices = DeviceReader()
         self._self = psutil.Process()
         self._resident: dict[int, int] = {}
-        self._cores: dict[int, float] = {}
-        self._last_use: dict[int, tuple[int, float]] = {}
         self._requested_ns: list[int] = []
         self._lock = threading.Condition()
         self._stopped = False
@@ -346,13 +344,6 @@ class ResourceSampler:
     def resident(self, pid: int) -> int:
         """Return the last sampled resident memory of a process and its descendants, in bytes."""
         return self._resident.get(pid, 0)
-
-    def cores(self, pid: int) -> float | None:
-        """Return the CPU use, in cores, of a process tree between the last two samples.
-
-        None if it was not sampled twice yet, or has exited.
-        """
-        return self._cores.get(pid)
 
     def stop(self) -> tuple[Rows, Rows]:
         """Stop sampling, and return `rows` and `interference`."""
@@ -443,7 +434,6 @@ class ResourceSampler:
             except psutil.Error:
                 with self._lock:
                     self._processes[number] = None
-                self._cores.pop(process.pid, None)
                 process, tree = None, []
                 use.end_tree()
         if process is None and not orphans:
@@ -451,21 +441,11 @@ class ResourceSampler:
         use.read_orphans(orphans)
         if process is not None:
             self._resident[process.pid] = use.resident
-            self._update_cores(process.pid, now_ns, use.cpu_s)
         pids = [listed.pid for listed in (*tree, *orphans)]
         waited_s = self._waits.update(number, pids)
         self._rows += _RESOURCES.pack(
             now_ns, number, use.cpu_s, use.resident, waited_s, use.minor_faults
         )
-
-    def _update_cores(self, pid: int, now_ns: int, cpu_s: float) -> None:
-        before_ns, before_s = self._last_use.get(pid, (now_ns, cpu_s))
-        # CPU time has a resolution of 10 ms, so shorter intervals have no meaning.
-        if now_ns - before_ns >= _PERIOD_S * 1e9 / 2:
-            self._cores[pid] = (cpu_s - before_s) / ((now_ns - before_ns) / 1e9)
-        elif pid in self._last_use:
-            return
-        self._last_use[pid] = (now_ns, cpu_s)
 
 
 def _descendants(process: psutil.Process) -> list[psutil.Process]:

@@ -262,7 +262,6 @@ class ProgressView:
         playback: what the player writes.
         monitors: what each monitor writes, with its plan.
         first: how many rows each had when the segment began; the player's under an empty name.
-        use: processor time per time of each process, by name.
     """
 
     def __init__(
@@ -270,14 +269,12 @@ class ProgressView:
         playback: PlaybackReader | RowReader,
         monitors: Mapping[str, tuple[MonitorPlan, RowReader]],
         first: Mapping[str, int],
-        use: Callable[[], Mapping[str, float]],
     ) -> None:
         self._playback = _SegmentRows(playback, first[""])
         self._monitors = [
             (plan.match != "order", _SegmentRows(rows, first[name]))
             for name, (plan, rows) in monitors.items()
         ]
-        self._use = use
 
     def sent(self) -> int:
         """Return how many steps have been published."""
@@ -300,10 +297,6 @@ class ProgressView:
             shift = None if by_stamp else start - played_start
             values.append(percentile(_latencies_ns(played, rows, shift), 0.99))
         return max((int(value) for value in values if value is not None), default=None)
-
-    def cores(self) -> Mapping[str, float]:
-        """Return the recent CPU use of each process, in cores."""
-        return self._use()
 
 
 @dataclass

@@ -389,14 +389,7 @@ class SegmentPlayer:
 
     def _live(self, first: dict[str, int]) -> ProgressView:
         monitors = {plan.name: (plan, self._monitors[plan.name]) for plan in self._plan.monitors}
-        return ProgressView(self._playback, monitors, first, self._cores)
-
-    def _cores(self) -> dict[str, float]:
-        return {
-            process.name: cores
-            for process in self._supervisor
-            if (cores := self._context.resources.cores(process.pid)) is not None
-        }
+        return ProgressView(self._playback, monitors, first)
 
     def _sample_at_end(self, first: dict[str, int], steps: int, rate_hz: float) -> None:
         """Schedule a resource sample at the end of the last period; the player ends before it."""

@@ -175,7 +175,7 @@ class Writers:
         player = PlaybackReader(self.folder / "player", PLAYBACK_FIELDS)
         monitor = ArrivalReader(self.folder / "monitor", MONITOR_FIELDS)
         first = {"": player.count(), "out": monitor.count()}
-        return ProgressView(player, {"out": (plan, monitor)}, first, lambda: {"relay": 0.5})
+        return ProgressView(player, {"out": (plan, monitor)}, first)
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.sample_arrays import Rows
 from r2bspec.report.csv_formats import expected_answers
 from r2bspec.report.format_registry import FORMATS, renderer
-from r2bspec.report.notes import all_notes
+from r2bspec.report.notes import notes
 from run_simulation import Played, Simulation, objective, renew_digests
 
 STEPS = 300
@@ -188,7 +188,7 @@ def test_an_unknown_latency_is_in_no_report(tmp_path: Path) -> None:
     assert rate.pooled.monitors["detections"].latency.n == 0
     assert rate.pooled.monitors["detections"].times("interval").n > 0
     result = result_of(run)
-    told = " ".join(note.text for note in all_notes(result))
+    told = " ".join(notes(result, verbose=True))
     assert "the latency is unknown: outputs are matched by order, and 1 of 600" in told
     reported = ReportInput(result=result, run=run)
     for name in FORMATS:
@@ -237,27 +237,6 @@ def reported(tmp_path: Path, rmw: str, *, untimed: bool) -> Result:
 
         run = rewrite(run, as_taken)
     return msgspec.structs.replace(result_of(run), versions={"rmw": rmw})
-
-
-@pytest.mark.parametrize(
-    ("rmw", "untimed", "words"),
-    [
-        ("rmw_of_nobody", True, "rmw_of_nobody gives no times of reception"),
-        ("rmw_fastrtps_cpp", True, "rmw_fastrtps_cpp gives no times of reception"),
-        ("rmw_cyclonedds_cpp", False, "rmw_cyclonedds_cpp stamps messages when they are taken"),
-        ("", True, "The middleware gives no times of reception"),
-        ("rmw_fastrtps_cpp", False, ""),
-    ],
-)
-def test_what_latencies_include_is_said_where_all_is_said(
-    tmp_path: Path, rmw: str, untimed: bool, words: str
-) -> None:
-    result = reported(tmp_path, rmw, untimed=untimed)
-    for name in ("text", "markdown", "junit"):
-        content = renderer(name)(ReportInput(result=result, verbose=True)).decode()
-        shown = " ".join(content.replace("\\", "").split())
-        assert ("until the monitor takes a message" in shown) == bool(words)
-        assert words in shown
 
 
 @pytest.mark.parametrize(

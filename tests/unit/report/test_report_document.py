@@ -43,7 +43,7 @@ def passing(tmp_path: Path) -> ReportInput:
 
 def test_an_ordinary_run_that_passes_has_no_note(passing: ReportInput) -> None:
     assert passing.result.verdict.outcome == "pass"
-    assert notes(passing.result).shown == ()
+    assert notes(passing.result) == ()
     for name in ("text", "markdown"):
         lines = renderer(name)(passing).decode().splitlines()
         assert not [line for line in lines if line == "notes" or line.startswith(">")], name
@@ -72,7 +72,7 @@ def test_every_medium_has_every_cell_that_it_has_room_for(
         for block in section.blocks
         if isinstance(block, Table) and block.detail <= detail
     ]
-    assert len(tables) >= 4
+    assert len(tables) >= 3
     for table in tables:
         for text in cells(table):
             assert re.sub(r"[\\`|]", "", text).split()[0] in flat, (table.title, text)
@@ -114,7 +114,7 @@ def test_cpu_without_messages_is_what_exceeds_all_cores_until_the_outputs_came(
     assert bool(said) == is_said
     if is_said:
         assert said[0].startswith("Process apriltag uses CPU without messages: 67 ms a step")
-        assert said[0] in notes(result).shown
+        assert said[0] in notes(result)
 
 
 def busy(result: Result) -> Result:
@@ -141,7 +141,7 @@ def test_a_busy_machine_is_said_first_and_alone_and_no_advice_contradicts_it(
 ) -> None:
     result = busy(passing.result)
     assert "not shown on this busy machine" in headline(result)
-    (note,) = notes(result).shown
+    (note,) = notes(result)
     assert note.startswith("The machine was busy: host interference in 6 of 6 iterations")
     for name in ("text", "markdown", "html"):
         text = renderer(name)(replace(passing, result=result)).decode()

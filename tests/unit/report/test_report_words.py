@@ -138,13 +138,13 @@ def text(result: Result) -> Callable[[str], str]:
     [
         ("ver 3 starts of the processes: ", "text markdown html junit github json"),
         ("3 starts, 3 s each", "text markdown html"),
-        ("1 of 56 messages of /r2b/right have no partner of", "text markdown html junit github"),
+        ("1 of 56 messages of /r2b/right have no partner of", "text markdown html junit"),
         ("No more messages on /r2b/detections in rate-30Hz-002. /r2b/a publishes nothing", "text"),
         ("R2B204: node /r2b/a has no topic 'x' that could be remapped", "text"),
         ("3 matched no input, 2 arrived in a later segment (counted as missed)", "text"),
         ("1 arrived before the input", "text"),
-        ("between two processes (harness.placement: separate)", "text markdown html junit"),
-        ("120 µs", "text markdown html junit"),
+        ("between two processes", "text markdown html"),
+        ("120 µs", "text markdown html"),
         (
             "Profile of relay at 30 Hz, with perf: profile/relay/relay.folded, profile/relay/",
             "text markdown html",
@@ -214,23 +214,13 @@ def unplayed_run(path: Path, *unplayed: UnplayedMessages) -> Run:
     return replace(run, record=msgspec.structs.replace(run.record, unplayed=unplayed))
 
 
-@pytest.mark.parametrize(
-    ("one", "in_verdict", "command"),
-    [(FEW, False, "::notice "), (SOME, True, "::warning "), (AGREED, False, "::notice ")],
-)
+@pytest.mark.parametrize(("one", "in_verdict"), [(FEW, False), (SOME, True), (AGREED, False)])
 def test_above_5_percent_it_is_a_warning_in_the_verdict_unless_agreed(
-    tmp_path: Path, one: UnplayedMessages, in_verdict: bool, command: str
+    tmp_path: Path, one: UnplayedMessages, in_verdict: bool
 ) -> None:
     found = result_of(unplayed_run(tmp_path, one))
     assert found.verdict.outcome == "pass"
     assert (one.text in found.verdict.reason) == in_verdict
-    lines = renderer("github")(ReportInput(result=found)).decode().splitlines()
-    (line,) = (
-        output_line
-        for output_line in lines
-        if "r2b/right" in output_line and "simulated%3A pass" not in output_line
-    )
-    assert line.startswith(command)
 
 
 # A run that ends before anything is measured says why in the reports that pipelines show.
