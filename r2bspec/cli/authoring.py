@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +19,6 @@ from r2bspec.errors import ExitStatus, R2bspecError, UsageError
 from r2bspec.language.quantities import Duration
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
-from r2bspec.safe_io.limits import MAX_IGNORE_FILE_BYTES
 
 if TYPE_CHECKING:
     from r2bspec.language.spec import Spec
@@ -196,9 +194,6 @@ def init_command(
         "judges it by its 'slos:'" if _SLOS.search(first.text) else "judges nothing: add 'slos:'"
     )
     echo(f"  r2bspec run {spec_file}         runs it and {judges}")
-    if _git_would_add_runs():
-        echo("Runs are stored below runs/, which git does not ignore yet:")
-        echo("  echo runs/ >> .gitignore")
     return ExitStatus.RUN_FAILED if failed else ExitStatus.OK
 
 
@@ -246,28 +241,6 @@ def _launch_arguments(written: tuple[str, ...]) -> dict[str, str]:
                 f"{text!r} is no launch argument", hint="Write NAME:=VALUE, as for 'ros2 launch'."
             )
     return {name: value for name, _, value in pairs}
-
-
-def _git_would_add_runs() -> bool:
-    """Whether no ``.gitignore`` of a work tree names the folder of runs, in the current folder."""
-    from r2bspec.safe_io.git import find_work_tree
-    from r2bspec.safe_io.safe_file import read_text
-
-    try:
-        here = Path.cwd().resolve()
-    except FileNotFoundError:  # it is gone
-        return False
-    top = find_work_tree(here)
-    if top is None:
-        return False
-    for folder in (here, *here.parents):
-        with contextlib.suppress(OSError):
-            text = read_text(folder / ".gitignore", max_bytes=MAX_IGNORE_FILE_BYTES)
-            if any(line.strip().strip("*/") == "runs" for line in text.splitlines()):
-                return False
-        if folder == top:
-            break
-    return True
 
 
 def _benchmark_name(name: str) -> str:

@@ -25,7 +25,7 @@ from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 from r2bspec.safe_io import safe_file
-from r2bspec.safe_io.file_search import files_below, matching_files, near_path
+from r2bspec.safe_io.file_search import files_below, matching_files, path_hint
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 from r2bspec.safe_io.safe_file import is_folder
 from r2bspec.safe_io.shared_lookups import shared_lookups
@@ -61,8 +61,7 @@ def _expand_path(path: str) -> list[str]:
         return [path]
     if glob.has_magic(path):
         return _require_files(matching_files(path), f"no file matches {path!r}")
-    near = near_path(path) or "a path of the command line is relative to the current folder"
-    raise click.UsageError(f"{path!r} does not exist; {near}")
+    raise click.UsageError(f"{path!r} does not exist; {path_hint(path)}")
 
 
 def _require_files(files: list[str], message: str) -> list[str]:

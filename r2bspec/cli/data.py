@@ -14,7 +14,7 @@ import msgspec
 
 from r2bspec.bags.recording import TimeWindow, WritableStorage
 from r2bspec.cli.completion import complete_dataset
-from r2bspec.cli.shared_options import duration, format_option
+from r2bspec.cli.shared_options import format_option
 from r2bspec.cli.text_output import print_table
 from r2bspec.diagnostics.quote import printable
 from r2bspec.errors import ExitStatus, UsageError
@@ -24,10 +24,6 @@ from r2bspec.report.output import console, echo, echo_json
 if TYPE_CHECKING:
     from r2bspec.bags.recording import BagIndex, BagLocation, TopicInfo
     from r2bspec.datasets.synthesis import Progress
-
-
-_TIME = duration("0 s", "1000 h")
-"""From the beginning of a recording."""
 
 
 @click.group(name="data")
@@ -78,8 +74,6 @@ def list_datasets(output_format: str) -> None:
     "--topics", multiple=True, metavar="TOPIC[,TOPIC…]", help="Only these topics.  [default: all]"
 )
 @click.option("--window", metavar="START:END", help="The window, such as '0 s:0.5 s'.")
-@click.option("--start", type=_TIME, help="The start of the window.")
-@click.option("--end", type=_TIME, help="The end of the window.  [default: the end of the dataset]")
 @click.option(
     "--storage",
     type=click.Choice(get_args(WritableStorage)),
@@ -92,8 +86,6 @@ def make(
     dataset: str,
     topics: tuple[str, ...],
     window: str | None,
-    start: Duration | None,
-    end: Duration | None,
     storage: Any,
     output_format: str,
 ) -> None:
@@ -103,7 +95,7 @@ def make(
 
     _require_cache()
     names = [name.strip() for value in topics for name in value.split(",") if name.strip()]
-    selected_window = _window(window, start, end)
+    selected_window = _window(window)
     with _progress_bar(f"creating {dataset}") as progress:
         made = make_dataset(
             dataset, names or None, selected_window, storage=storage, progress=progress
@@ -223,25 +215,19 @@ def _bag_on_disk(bag: str) -> Path:
         return make_dataset(bag, progress=progress).path
 
 
-def _window(text: str | None, start: Duration | None, end: Duration | None) -> TimeWindow | None:
-    """Return the window of the options; None for everything."""
-    if text is not None:
-        if start is not None or end is not None:
-            raise UsageError(
-                "--window cannot be combined with --start and --end", hint="Leave one of them out."
-            )
-        try:
-            first, colon, last = text.partition(":")
-            if not colon:
-                raise ValueError("it has no colon")
-            start = Duration.parse(first) if first.strip() else None
-            end = Duration.parse(last) if last.strip() else None
-        except ValueError as error:
-            raise UsageError(
-                f"{text!r} is not a window: {error}", hint="Write START:END, such as '0 s:0.5 s'."
-            ) from error
-    if start is None and end is None:
+def _window(text: str | None) -> TimeWindow | None:
+    """Return the window of the option; None for everything."""
+    if text is None:
         return None
+    first, colon, last = (part.strip() for part in text.partition(":"))
+    try:
+        if not colon:
+            raise ValueError("it has no colon")
+        start, end = (Duration.parse(part) if part else None for part in (first, last))
+    except ValueError as error:
+        raise UsageError(
+            f"{text!r} is not a window: {error}", hint="Write START:END, such as '0 s:0.5 s'."
+        ) from error
     return TimeWindow(start_ns=start.ns if start else 0, end_ns=end.ns if end else None)
 
 

@@ -39,25 +39,13 @@ def _find_code(code: str, pages: Mapping[str, Page]) -> Page:
     from r2bspec.judge.measure.metric_catalogue import names
 
     known = (*by_slug, *doc_pages(), *names())
-    close = _near_code(number, pages) if number[3:].isdigit() else did_you_mean(code, known)
+    # A code with another digit is another code.
+    close = "" if number[3:].isdigit() else did_you_mean(code, known)
     raise UsageError(
         f"there is no page, code or metric {code!r}",
         hint=f"did you mean {close}? " * bool(close)
         + "'r2bspec docs' lists the pages, 'r2bspec docs codes' all codes",
     )
-
-
-def _near_code(number: str, pages: Mapping[str, Page]) -> str:
-    """The code that may have been meant: with two neighbouring digits swapped, or one too many.
-
-    A code with one other digit is another code, and any number has many of these.
-    """
-    swapped = [
-        number[:place] + number[place + 1] + number[place] + number[place + 2 :]
-        for place in range(3, len(number) - 1)
-    ]
-    longer = [number[:place] + number[place + 1 :] for place in range(3, len(number))]
-    return next((candidate for candidate in (*swapped, *longer) if candidate in pages), "")
 
 
 def _list_codes(pages: Mapping[str, Page]) -> Iterator[str]:

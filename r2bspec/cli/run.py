@@ -43,7 +43,6 @@ class RunArguments:
     control: bool = False
     pairs: int | None = None
     force: bool = False
-    select: tuple[str, ...] = ()
     scan: tuple[str, ...] = ()
     smoke: bool = False
     resume: bool = False
@@ -75,7 +74,7 @@ class RunArguments:
     @property
     def needs_suite(self) -> bool:
         """Whether an option only makes sense for several runs."""
-        return bool(self.select or self.scan or self.resume or self.fail_fast)
+        return bool(self.scan or self.resume or self.fail_fast)
 
     def refuse(self, why: str, *options: str) -> None:
         """Report the first given option among some that do not apply.
@@ -221,7 +220,7 @@ def selected_runs(
     from r2bspec.cli.check_files import spec_files
 
     selection = SpecSelection(Path(), **values)
-    return suite_entries(selection, spec_files(specs), options.select, options.scan)
+    return suite_entries(selection, spec_files(specs), options.scan)
 
 
 def _is_collection(path: str) -> bool:

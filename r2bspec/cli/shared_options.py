@@ -173,11 +173,6 @@ def suite_options(command: Command) -> Command:
             metavar="NAME=VALUE,...",
             help="A run for each value of a variable, or of a key such as transport",
         ),
-        repeatable_option(
-            "--select",
-            metavar="LABEL=VALUE",
-            help="Only specs with this label, such as sensor=camera or sensor='cam*'",
-        ),
     ):
         command = decorate(command)
     return command

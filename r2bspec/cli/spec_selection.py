@@ -1,11 +1,10 @@
-"""The runs that a command line selects: specs with their cases, labels and scanned values.
+"""The runs that a command line selects: specs with their cases and scanned values.
 
 Each spec is prepared here, and its findings printed; several specs are the entries of a suite.
 """
 
 from __future__ import annotations
 
-import fnmatch
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from r2bspec.cli.text_output import show_findings
-from r2bspec.errors import R2bspecError, UsageError
+from r2bspec.errors import R2bspecError
 from r2bspec.language.selected_spec import SpecSelection as SpecSelection
 
 if TYPE_CHECKING:
@@ -123,7 +122,6 @@ class SuiteEntry:
 def suite_entries(
     selection: SpecSelection,
     files: Sequence[str],
-    select: Sequence[str] = (),
     scan: Sequence[str] = (),
 ) -> list[SuiteEntry]:
     """Return every run, in the order of files, cases and scanned values.
@@ -133,27 +131,18 @@ def suite_entries(
     Args:
         selection: the options that apply to each file.
         files: specs and plans.
-        select: ``LABEL=PATTERN``; a spec must match all.
         scan: ``NAME=VALUE,VALUE``; each combination of the values is a run.
 
     Raises:
-        UsageError: nothing is left to run, or an option is malformed.
+        click.UsageError: an option is malformed.
     """
-    labels = [_parse_label(label) for label in select]
     scans = [_parse_scan(text) for text in scan]
-    entries = [
+    return [
         entry
         for file in files
         for loaded, case in _cases_of(replace(selection, spec=Path(file)))
-        if _matches(loaded, labels)
         for entry in _scanned(replace(selection, spec=Path(file), case=case), loaded, scans)
     ]
-    if not entries:
-        raise UsageError(
-            f"no spec has the labels {', '.join(select)}",
-            hint="See 'labels' of the specs.",
-        )
-    return entries
 
 
 def _cases_of(selection: SpecSelection) -> Iterator[tuple[LoadedSpec | None, str]]:
@@ -167,27 +156,6 @@ def _cases_of(selection: SpecSelection) -> Iterator[tuple[LoadedSpec | None, str
         # An unknown case stays: its error is that of the run.
         case = selection.case if selection.case != ALL_CASES else ""
         yield loaded, loaded.case or case
-
-
-def _parse_label(text: str) -> tuple[str, str]:
-    name, equals, pattern = text.partition("=")
-    if not equals or not name:
-        raise click.UsageError(f"--select takes LABEL=VALUE, not {text!r}")
-    return name, pattern
-
-
-def _matches(loaded: LoadedSpec | None, wanted: Sequence[tuple[str, str]]) -> bool:
-    if not wanted:
-        return True
-    labels = loaded.spec.labels if loaded is not None and loaded.spec is not None else {}
-    return all(
-        name in labels and fnmatch.fnmatchcase(_label_text(labels[name]), pattern)
-        for name, pattern in wanted
-    )
-
-
-def _label_text(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _parse_scan(text: str) -> tuple[str, tuple[str, ...]]:

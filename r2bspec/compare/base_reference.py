@@ -18,6 +18,7 @@ from pathlib import Path
 
 from r2bspec.errors import UsageError
 from r2bspec.language.secrets import shown_value
+from r2bspec.safe_io.file_search import near_path
 from r2bspec.safe_io.safe_file import is_regular, is_there
 
 HINT = (
@@ -103,7 +104,9 @@ def _spec(text: str) -> Path:
             f"{text!r} is a stored run: it cannot be a base",
             hint="A stored run cannot be played again; 'r2bspec compare' compares finished runs.",
         )
-    raise BadReferenceError(f"{text!r} is not a spec: it cannot be a base", hint=HINT)
+    raise BadReferenceError(
+        f"{text!r} is not a spec: it cannot be a base", hint=near_path(text) or HINT
+    )
 
 
 def _shown(text: str) -> str:

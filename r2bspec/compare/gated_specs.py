@@ -27,6 +27,7 @@ from r2bspec.diagnostics.diagnostic import Span
 from r2bspec.diagnostics.quote import clip, printable
 from r2bspec.errors import UsageError
 from r2bspec.language.selected_spec import SpecSelection
+from r2bspec.safe_io.file_search import near_path
 
 SPEC_SUFFIX = ".r2b.yaml"
 
@@ -90,7 +91,10 @@ def select_specs(tree: BaseTree, paths: Sequence[str]) -> GatedSpecs:
             raise GatedPathError(f"{clip(path)!r} is a plan: a gate compares specs")
         if not before and not after:
             what = f"has no *{SPEC_SUFFIX} file" if os.path.isdir(path) else "does not exist"  # noqa: PTH112
-            raise GatedPathError(f"{clip(path)!r} {what}, in the work tree or in {tree.name}")
+            hint = "" if os.path.isdir(path) else near_path(path)  # noqa: PTH112
+            raise GatedPathError(
+                f"{clip(path)!r} {what}, in the work tree or in {tree.name}", hint=hint
+            )
         base |= dict.fromkeys(before)
         head |= dict.fromkeys(after)
     new = [place for place in head if place not in tree.files]

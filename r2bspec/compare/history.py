@@ -22,7 +22,7 @@ from r2bspec.compare.comparison import (
     compared_result,
     mean_value,
 )
-from r2bspec.compare.report_input import UnreadableResultError, read_result
+from r2bspec.compare.report_input import UnreadableResultError, read_result, require_there
 from r2bspec.judge.measure.metric_catalogue import find_metric
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.change_points import change_points
@@ -150,6 +150,7 @@ def read_histories(paths: Iterable[Path]) -> tuple[list[History], list[str]]:
 
     Raises:
         HistoryError: none of them is a usable result.
+        UnreadableResultError: one does not exist.
     """
     results: dict[str, tuple[str, Result]] = {}
     left_out = []
@@ -175,6 +176,7 @@ def read_histories(paths: Iterable[Path]) -> tuple[list[History], list[str]]:
 def _files(paths: Iterable[Path]) -> Iterator[Path]:
     """Yield the files that may be results: of a run or a comparison, that of the whole alone."""
     for path in paths:
+        require_there(path)
         if not is_folder(path):
             yield path
             continue

@@ -28,8 +28,9 @@ from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.plan.plan import GatePlan
 from r2bspec.record import comparison_folder
 from r2bspec.record.run_folder import Run, open_run
+from r2bspec.safe_io.file_search import path_hint
 from r2bspec.safe_io.limits import MAX_JSON_BYTES
-from r2bspec.safe_io.safe_file import is_folder, read_bytes
+from r2bspec.safe_io.safe_file import is_folder, is_there, read_bytes
 
 
 class SamplesMissingError(R2bspecError):
@@ -91,6 +92,16 @@ class ReportInput:
         return read_samples(self.run)
 
 
+def require_there(path: Path) -> None:
+    """Refuse a path that leads to nothing.
+
+    Raises:
+        UnreadableResultError: it does.
+    """
+    if not is_there(path):
+        raise UnreadableResultError(f"{path} does not exist", hint=path_hint(path))
+
+
 def read_report_input(path: Path, *, spec_file: Path | None = None) -> ReportInput:
     """Return the input of a report: a folder is measured and judged again, a file is read as it is.
 
@@ -122,7 +133,9 @@ def read_folder(
 
     Raises:
         RecordError: it is neither, or a file of it is missing or damaged.
+        UnreadableResultError: it does not exist.
     """
+    require_there(path)
     if comparison_folder.is_comparison(path):
         pairs = comparison_folder.open_comparison(path)
         judged = judge_comparison_folder(pairs, objectives, judged_by, gate)
@@ -260,27 +273,17 @@ def _pairs_result(pairs: comparison_folder.PairedComparison) -> PairsResult:
     )
 
 
-def read_content(path: Path) -> bytes:
-    """Return the bytes of a file that a command names.
-
-    Raises:
-        UnreadableResultError: it cannot be read.
-    """
-    try:
-        return read_bytes(path, max_bytes=MAX_JSON_BYTES)
-    except OSError as error:
-        raise UnreadableResultError(f"{path} cannot be read: {error.strerror or error}") from error
-
-
 def read_result(path: Path) -> Result:
     """Read a ``result.json``.
 
     Raises:
         UnreadableResultError: it does not exist, or is not a result.
     """
-    content = read_content(path)
+    require_there(path)
     try:
-        return from_json(content)
+        return from_json(read_bytes(path, max_bytes=MAX_JSON_BYTES))
+    except OSError as error:
+        raise UnreadableResultError(f"{path} cannot be read: {error.strerror or error}") from error
     except msgspec.DecodeError as error:
         raise UnreadableResultError(
             f"{path} is not a result of this version: {error}",

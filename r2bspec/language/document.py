@@ -24,7 +24,7 @@ from r2bspec.diagnostics import Diagnostic, Edit, Related, Severity, Span
 from r2bspec.diagnostics.diagnostic import DiagnosticParts, split_lines
 from r2bspec.language.located_tree import TreeNode
 from r2bspec.safe_io import safe_file
-from r2bspec.safe_io.file_search import near_path
+from r2bspec.safe_io.file_search import path_hint
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 
 _FORBIDDEN_ASCII = re.compile("[^\t\n\r\x20-\x7e]")
@@ -112,7 +112,7 @@ def _too_large(file: str) -> Source:
 
 def _reading_help(path: FilePath, error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
-        return near_path(path) or "a path of the command line is relative to the current folder"
+        return path_hint(path)
     if isinstance(error, safe_file.OutsideFolderError):
         return "copy the file here, or keep both in one work tree of git"
     hint = error.hint if isinstance(error, safe_file.RefusedFileError) else ""

@@ -83,6 +83,11 @@ def near_path(path: str | Path, base: Path = Path()) -> str:
     return f"did you mean {quote(dot + near)}?"
 
 
+def path_hint(path: str | Path) -> str:
+    """Return the way out for a path of the command line that leads to nothing."""
+    return near_path(path) or "a path of the command line is relative to the current folder"
+
+
 def _similar(path: Path) -> Path | None:
     """Return a path that exists, and whose names are similar; None if there is none."""
     place = Path(path.anchor)

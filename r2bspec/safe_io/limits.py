@@ -108,9 +108,6 @@ MAX_PATH_FILE_BYTES: Final = 1 << 20
 """A .pth file of an environment."""
 MAX_GIT_REFS: Final = 1_000
 """That are named by what git prints."""
-MAX_IGNORE_FILE_BYTES: Final = 1_000_000
-"""A .gitignore."""
-
 # Editors and fleets
 
 MAX_EDITOR_PARSED_CHARACTERS: Final = 400_000

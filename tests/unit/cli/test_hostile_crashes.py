@@ -32,8 +32,8 @@ def test_a_file_name_that_is_not_utf_8(
     shown = capsys.readouterr()
     assert status == ExitStatus.FINDINGS_OR_FAILED, shown.err
     if output_format == "sarif":
-        uri = json.loads(shown.out)["runs"][0]["artifacts"][0]["location"]["uri"]
-        assert uri.endswith("/%FF%FE.r2b.yaml")
+        place = json.loads(shown.out)["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
+        assert place["artifactLocation"]["uri"].endswith("/%FF%FE.r2b.yaml")
 
 
 @pytest.mark.parametrize("text", [example(), "r2bspec: 3\n"], ids=["valid", "wrong"])
