@@ -28,15 +28,8 @@ from typing import Any, Literal
 import msgspec
 
 from r2bspec.compare.report_input import measure, open_folder, read_result
-from r2bspec.judge.measure.distribution import part_value
-from r2bspec.judge.measure.metric import MetricInfo
-from r2bspec.judge.measure.metric_catalogue import (
-    WHOLE_GRAPH,
-    device_metric,
-    find_metric,
-    monitor_metrics,
-    observed_metric,
-)
+from r2bspec.judge.measure.metric import MetricInfo, Scope
+from r2bspec.judge.measure.metric_catalogue import find_metric, monitor_metrics
 from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics, RunMetrics, summarise
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.measure.times import rank
@@ -213,9 +206,7 @@ def _of_rate(rate: RateMetrics, graph: set[str]) -> dict[SeriesKey, MetricSeries
     starts = starts if all(starts) else ()
     values_of = (
         *_of_monitors(rate),
-        *_of_processes(rate, graph),
-        *_of_devices(rate),
-        *_of_parts(rate),
+        *_of_segment(rate, graph),
     )
     return {
         (rate.offered_hz, monitor, metric): MetricSeries(tuple(values), unit, starts=starts)
@@ -232,35 +223,16 @@ def _of_monitors(rate: RateMetrics) -> Iterator[_Values]:
                 yield monitor, info.name, info.unit, _possible(values, seen)
 
 
-def _of_processes(rate: RateMetrics, graph: set[str]) -> Iterator[_Values]:
-    uses = {
-        process: [iteration.processes.get(process) for iteration in rate.iterations]
-        for process in rate.pooled.processes
-        if process in graph
-    }
-    if rate.pooled.graph is not None:
-        uses[WHOLE_GRAPH] = [iteration.graph for iteration in rate.iterations]
-    for process, used in uses.items():
-        yield "", f"cpu.{process}.mean", "share", [use.cpu_mean if use else None for use in used]
-        work = [use.work.p50 if use is not None and use.work is not None else None for use in used]
-        if any(value is not None for value in work):
-            yield "", f"work.{process}.p50", "s", work
-
-
-def _of_devices(rate: RateMetrics) -> Iterator[_Values]:
-    for name in rate.pooled.devices or ():
-        info = device_metric(name)
-        if info is not None and info.part in info.metric.compared:
-            yield "", name, info.unit, [(one.devices or {}).get(name) for one in rate.iterations]
-
-
-def _of_parts(rate: RateMetrics) -> Iterator[_Values]:
-    for name in rate.pooled.anatomy or ():
-        metric = observed_metric(name)
-        for part in metric.metric.compared if metric is not None else ():
-            observed = [(iteration.anatomy or {}).get(name) for iteration in rate.iterations]
-            values = [part_value(times, part) if times else None for times in observed]
-            yield "", f"{name}.{part}", "s", values
+def _of_segment(rate: RateMetrics, graph: set[str]) -> Iterator[_Values]:
+    """Yield the metrics of no monitor; of processes, those of the graph alone."""
+    for _, info, _ in rate.pooled.entries():
+        of_process = info.scope in {Scope.PROCESS, Scope.WORK} and info.subject
+        if of_process and info.subject not in graph:
+            continue
+        for part in info.metric.compared:
+            if part == info.part or info.metric.has_percentiles:
+                one = msgspec.structs.replace(info, part=part)
+                yield "", one.name, one.unit, [each.value(one) for each in rate.iterations]
 
 
 def _possible(values: list[float | None], seen: Sequence[MonitorMetrics]) -> list[float | None]:

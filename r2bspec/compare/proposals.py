@@ -181,7 +181,7 @@ def _candidates(
     measured = f"measured_at_{rate.offered_hz:g}_hz".replace(".", "_") if at else "measured"
     name, at_rate = _free_name(spec, measured), f" at {at}" if at else ""
     required = [*_required(spec, rate)]
-    has_work = rate.pooled.graph is not None and rate.pooled.graph.work is not None
+    has_work = "work.graph" in rate.pooled.values
     if gated and has_work and not any(each.startswith("work.graph.") for each in required):
         yield _Candidate(name, at, "work.graph", (_WORK_LIMIT,), certain=True)
     for monitor, pooled in rate.pooled.monitors.items():

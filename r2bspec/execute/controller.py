@@ -521,7 +521,9 @@ class _Run:
             self._plan,
             lambda segment: samples[segment.id],
             HostSamples(
-                ProcessSamples(resources.rows()), resources.interference(), resources.devices()
+                ProcessSamples(resources.rows()),
+                resources.interference(),
+                ProcessSamples(resources.devices()),
             ),
         )
 

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from r2bspec.execute.processes.resources import ResourceSampler
 from r2bspec.judge.measure.host_usage import (
     HostInterference,
@@ -69,11 +67,9 @@ class HostWatch:
     def between(self, began_ns: int, ended_ns: int) -> Interference:
         """Return the interference between two times (CLOCK_MONOTONIC), both in the past."""
         rows = self._rows_until(ended_ns)
-        window = np.array([began_ns]), np.array([ended_ns])
-        used = ProcessSamples(self.resources.rows()).used_in(*window)
-        processes = range(self.process_count())
-        (interference,) = host_interference(rows, used, processes, self.machine, *window)
-        return interference_of(interference)
+        used = ProcessSamples(self.resources.rows()).used(began_ns, ended_ns)
+        processes, window = range(self.process_count()), (began_ns, ended_ns)
+        return interference_of(host_interference(rows, used, processes, self.machine, window))
 
     def _rows_until(self, time_ns: int) -> Rows:
         """Return the samples, with one after this time if the sampler still runs."""

@@ -31,7 +31,7 @@ import numpy as np
 
 from r2bspec.judge.measure.host_usage import interference_reasons, taken_share
 from r2bspec.judge.measure.matching import NO_MATCH
-from r2bspec.judge.measure.metric_catalogue import observed_metric
+from r2bspec.judge.measure.metric_catalogue import measured_metric
 from r2bspec.judge.measure.sample_table import MonitorSamples
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.times import faster_half
@@ -143,7 +143,7 @@ def best_case_iteration(one: SegmentSamples) -> SegmentSamples:
     taken = taken_share(one.interference)
     anatomy = {
         name: np.maximum(0.0, values - taken)
-        if (metric := observed_metric(name)) is not None and metric.dimension == "share"
+        if (metric := measured_metric(name)) is not None and metric.dimension == "share"
         else faster_half(values) * (1 - taken)
         for name, values in one.anatomy.items()
     }

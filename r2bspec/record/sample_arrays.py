@@ -53,7 +53,6 @@ RESOURCE_FIELDS = (
     ("cpu_s", "<f8"),
     ("memory_bytes", "<i8"),
     ("waited_s", "<f8"),
-    ("minor_faults", "<f8"),
 )
 """One row per process and sampling time: `process` indexes `RunRecord.processes`, with -1 for the
 whole machine, -2 for the controller, and -3 for processes that carry the id of the run but descend
@@ -61,9 +60,7 @@ from no process of it that is known; `cpu_s` is the cumulative CPU time in secon
 cores, the descendants of the process (for -2: without them), and those of them that have lost
 their parents; `memory_bytes` is the resident set (for -1: memory in use); `waited_s` is the
 cumulative run-queue wait of all threads: the time for which they could have run, but had no
-processor. It is NaN for -1 and -2, and where the kernel does not count it. `minor_faults` is the
-cumulative number of page faults without reading from disk, of the process and its descendants; NaN
-for -1 and -2."""
+processor. It is NaN for -1 and -2, and where the kernel does not count it."""
 
 INTERFERENCE_FIELDS = (
     ("time_ns", "<i8"),

@@ -13,6 +13,7 @@ from collections.abc import Container, Iterator, Sequence
 from typing import Final
 
 from r2bspec.diagnostics.quote import first_words, join_words
+from r2bspec.judge.measure.metric import Scope
 from r2bspec.judge.measure.own_pace import own_pace_text
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.result import Result
@@ -181,14 +182,14 @@ def idle_work_notes(result: Result) -> Iterator[str]:
         if not rate.offered_hz or not known or len(known) < len(latencies) or not cores:
             continue
         within = int(cores) * max(known)
-        for name, use in rate.pooled.processes.items():
-            work = use.work
-            if work is None or work.p50 <= within + _IDLE_SHARE / rate.offered_hz:
+        for name, info, _ in rate.pooled.entries(Scope.WORK):
+            work_s = rate.pooled.times(name).p50
+            if not info.subject or not work_s or work_s <= within + _IDLE_SHARE / rate.offered_hz:
                 continue
             yield (
-                f"Process {name} uses CPU without messages: {show(work.p50, 's')} a step "
+                f"Process {info.subject} uses CPU without messages: {show(work_s, 's')} a step "
                 f"{at_rate(rate.offered_hz)}, though the outputs have come after "
-                f"{show(max(known), 's')}; work.{name} contains it"
+                f"{show(max(known), 's')}; {name} contains it"
             )
 
 

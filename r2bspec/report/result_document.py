@@ -6,12 +6,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import split_output
-from r2bspec.judge.measure.metric import SECTIONS, MetricInfo, Outputs
-from r2bspec.judge.measure.metric_catalogue import device_metric
-from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics, UseMetrics
+from r2bspec.judge.measure.metric import PROCESS, SECTIONS, MetricInfo, Outputs, Scope
+from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH
+from r2bspec.judge.measure.metric_declarations import DECLARED
+from r2bspec.judge.measure.metrics import RateMetrics, RunMetrics
 from r2bspec.judge.measure.units import at_rate, show, show_rate, significant
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
@@ -348,80 +350,74 @@ def _load_blocks(result: Result) -> Iterator[Block]:
     rates = result.metrics.rates
     if not rates:
         return
+    columns = [
+        info
+        for metric in DECLARED
+        if metric.placeholder == PROCESS
+        for info in metric.infos
+        if info.part in metric.columns
+    ]
     yield Table(
         "load",
         (
             Column("process", number=False),
             Column("offered"),
-            *map(Column, ("CPU", "busiest", "work p50", "work p90", "memory", "faults")),
+            *(Column(info.title) for info in columns),
         ),
-        tuple(_load_rows(rates)),
-        "CPU: 100 % is one core; work: processor time a step; faults: minor page faults a message",
+        tuple(_load_rows(rates, columns)),
+        "CPU: 100 % is one core; work: processor time a step",
     )
     if devices := tuple(_device_rows(rates)):
-        columns = (Column("metric", number=False), Column("offered"), Column("value"))
-        yield Table("devices", columns, devices, "GPUs (NVML) and processor packages (RAPL)")
+        names = (Column("metric", number=False), Column("offered"), Column("value"))
+        yield Table("devices", names, devices, "GPUs (NVML) and processor packages (RAPL)")
     if result.harness_overhead:
         yield _overhead_table(result)
 
 
-def _load_rows(rates: Sequence[RateMetrics]) -> Iterator[Row]:
-    names = dict.fromkeys(name for rate in rates for name in rate.pooled.processes)
-    for name in names:
-        place = f"processes/{pointer(name)}"
-        uses = [rate.pooled.processes.get(name) for rate in rates]
-        yield from _use_rows(name, place, uses, rates)
-    graph = [rate.pooled.graph for rate in rates]
+def _load_rows(rates: Sequence[RateMetrics], columns: Sequence[MetricInfo]) -> Iterator[Row]:
+    processes = {
+        info.subject: info.subject
+        for rate in rates
+        for _, info, _ in rate.pooled.entries(Scope.PROCESS)
+    }
+
+    def used(process: str) -> list[list[float | None]]:
+        of_process = [replace(info, subject=process) for info in columns]
+        return [[rate.pooled.value(info) for info in of_process] for rate in rates]
+
     # Of a graph in one process, its row says the same.
-    alone = any(graph == [rate.pooled.processes.get(name) for rate in rates] for name in names)
-    if not alone:
-        yield from _use_rows("whole graph", "graph", graph, rates)
-    machine = [rate.pooled.machine for rate in rates]
-    yield from _use_rows("whole machine", "machine", machine, rates)
+    if not any(used(process) == used(WHOLE_GRAPH) for process in processes):
+        processes[WHOLE_GRAPH] = "whole graph"
+    for process, title in (processes | {"system": "whole machine"}).items():
+        for index, (rate, values) in enumerate(zip(rates, used(process), strict=True)):
+            if any(value is not None for value in values):
+                cells = (
+                    _use_cell(replace(info, subject=process), value, index)
+                    for info, value in zip(columns, values, strict=True)
+                )
+                yield Row((Cell(title), Cell(show_rate(rate.offered_hz, rate.pace)), *cells))
+
+
+def _use_cell(info: MetricInfo, value: float | None, index: int) -> Cell:
+    path = f"metrics/rates/{index}/pooled/{info.place}"
+    if value is None:
+        return Cell("")
+    return _share_cell(value, path) if info.unit == "share" else number(value, info.unit, path)
 
 
 def _device_rows(rates: Sequence[RateMetrics]) -> Iterator[Row]:
-    for name in dict.fromkeys(name for rate in rates for name in rate.pooled.devices or ()):
-        metric = device_metric(name)
+    infos = {name: info for rate in rates for name, info, _ in rate.pooled.entries(Scope.DEVICE)}
+    for name, info in infos.items():
         for index, rate in enumerate(rates):
-            value = (rate.pooled.devices or {}).get(name)
-            path = f"metrics/rates/{index}/pooled/devices/{pointer(name)}"
-            cell = number(value, metric.unit if metric is not None else "", path)
+            path = f"metrics/rates/{index}/pooled/values/{pointer(name)}"
+            cell = number(rate.pooled.value(info), info.unit, path)
             yield Row((Cell(name), Cell(show_rate(rate.offered_hz, rate.pace)), cell))
 
 
-def _use_rows(
-    name: str, place: str, uses: Sequence[UseMetrics | None], rates: Sequence[RateMetrics]
-) -> Iterator[Row]:
-    for index, (use, rate) in enumerate(zip(uses, rates, strict=True)):
-        if use is None:
-            continue
-        path = f"metrics/rates/{index}/pooled/{place}"
-        work = use.work
-        yield Row(
-            (
-                Cell(name),
-                Cell(show_rate(rate.offered_hz, rate.pace)),
-                _share_cell(use.cpu_mean, f"{path}/cpu_mean"),
-                _share_cell(use.cpu_max, f"{path}/cpu_max"),
-                number(work.p50, "s", f"{path}/work/p50") if work else Cell(""),
-                number(work.p90, "s", f"{path}/work/p90") if work else Cell(""),
-                number(use.memory_max_bytes, "B", f"{path}/memory_max_bytes"),
-                _faults_cell(use.faults_per_message, f"{path}/faults_per_message"),
-            )
-        )
-
-
-def _share_cell(share: float | None, path: str) -> Cell:
+def _share_cell(share: float, path: str) -> Cell:
     """Return a share of a core; whole percents from 10 on: it is counted no finer."""
-    if share is None:
-        return Cell("-")
     text = significant(share * 100, 2) if share < 0.1 else f"{share * 100:.0f}"
     return Cell(f"{text} %", share, path)
-
-
-def _faults_cell(faults: float | None, path: str) -> Cell:
-    return Cell("") if faults is None else Cell(significant(faults, 2), faults, path)
 
 
 def _overhead_table(result: Result) -> Table:

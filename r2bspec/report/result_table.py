@@ -11,21 +11,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from r2bspec.judge.measure.distribution import PARTS, SHORT_PERCENTILES, part_value
+from r2bspec.judge.measure.distribution import PARTS, SHORT_PERCENTILES, Distribution, part_value
 from r2bspec.judge.measure.metric import MetricInfo, Outputs, Section
-from r2bspec.judge.measure.metric_catalogue import (
-    WHOLE_GRAPH,
-    device_metric,
-    monitor_metrics,
-    observed_metric,
-)
-from r2bspec.judge.measure.metrics import (
-    WORK_PARTS,
-    MonitorMetrics,
-    RateMetrics,
-    RunMetrics,
-    SegmentMetrics,
-)
+from r2bspec.judge.measure.metric_catalogue import measured_metric, monitor_metrics
+from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics, RunMetrics, SegmentMetrics
 from r2bspec.judge.measure.units import show_range, show_rate
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
@@ -153,29 +142,14 @@ def _segment(segment: SegmentMetrics) -> Iterator[_Value]:
     for monitor, seen in segment.monitors.items():
         for metric in monitor_metrics():
             yield monitor, metric.name, metric.unit, seen.value(metric)
-    yield "", "playback.rate", "Hz", segment.playback.rate_hz
-    for part in PARTS:
-        yield "", f"playback.lateness.{part}", "s", part_value(segment.playback.lateness, part)
-    uses = {**segment.processes, WHOLE_GRAPH: segment.graph, "system": segment.machine}
-    for process, use in uses.items():
-        if use is None:
-            continue
-        yield "", f"cpu.{process}.mean", "share", use.cpu_mean
-        yield "", f"cpu.{process}.max", "share", use.cpu_max
-        yield "", f"memory.{process}.max", "B", use.memory_max_bytes
-        yield "", f"minor_faults.{process}.per_message", "count", use.faults_per_message
-        for part in WORK_PARTS if use.work is not None else ():
-            yield "", f"work.{process}.{part}", "s", getattr(use.work, part)
-    for name, value in (segment.devices or {}).items():
-        device = device_metric(name)
-        yield "", name, device.unit if device is not None else "", value
-    for series, values in (segment.anatomy or {}).items():
-        observed = observed_metric(series)
-        if observed is not None and observed.dimension == "share":
-            yield "", series, "share", values.mean
-            continue
-        for part in PARTS:
-            yield "", f"{series}.{part}", "s", part_value(values, part)
+    for name, value in segment.values.items():
+        info = measured_metric(name)
+        unit = info.unit if info is not None else ""
+        if isinstance(value, Distribution):
+            for part in PARTS:
+                yield "", f"{name}.{part}", unit, part_value(value, part)
+        else:
+            yield "", name, unit, value
 
 
 def _harness_overhead(overhead: HarnessOverheadRecord) -> Iterator[_Value]:

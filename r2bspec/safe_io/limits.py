@@ -84,8 +84,6 @@ MAX_PLANNED_ITERATIONS: Final = 2_000
 """At all rates together: confirmed, and played again, they stay below `MAX_SEGMENTS`."""
 MAX_PROCESSES: Final = 10_000
 """Of one run, in all of its starts."""
-MAX_PROCESS_WINDOWS: Final = 100_000
-"""Of a run: in each segment, the processes that were sampled in it. Each takes 40 µs to judge."""
 MAX_INTEGER: Final = 2**63 - 1
 """Times are ns in 64 bits with a sign, in every file and array."""
 MAX_NUMBER: Final = 1e30

@@ -166,7 +166,7 @@ class Simulation:
                 self._interference(end_ns)
                 if self.interference
                 else np.empty(0, INTERFERENCE_DTYPE),
-                self._devices(end_ns),
+                ProcessSamples(self._devices(end_ns)),
             ),
         )
 

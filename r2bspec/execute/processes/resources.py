@@ -43,11 +43,6 @@ from r2bspec.record.sample_arrays import DEVICE_DTYPE, INTERFERENCE_DTYPE, RESOU
 
 _SYSTEM = Path("/")
 
-_AFTER_NAME = 2
-"""The number of the first field after the name, which may itself have blanks and brackets."""
-
-_MINOR, _MINOR_OF_CHILDREN = 9, 10
-"""The places of ``minflt`` and ``cminflt`` in /proc/PID/stat, counted from 0 (see proc(5))."""
 
 _PROC: Final = Path("/proc")
 
@@ -152,21 +147,6 @@ def _largest(counters: _Counters, paths: list[Path]) -> float:
     """The largest value: groups nest, and cores are throttled together, so sums would be wrong."""
     values = (_counted(counters, path) for path in paths)
     return max((value for value in values if not math.isnan(value)), default=math.nan)
-
-
-def minor_faults(pid: int) -> int:
-    """Return the page faults that needed no disk, with those of children that have exited.
-
-    0 if unknown.
-
-    Memory that was mapped freshly causes one for each page that is touched first, such as the
-    pages of a large message whose buffer the allocator gave back before.
-    """
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()
-        return sum(int(fields[field - _AFTER_NAME]) for field in (_MINOR, _MINOR_OF_CHILDREN))
-    except (OSError, IndexError, ValueError):
-        return 0
 
 
 class OrphanFinder:
@@ -286,7 +266,7 @@ _PERIOD_S = 0.2
 """Samples are cumulative, so a longer period affects only maxima. A sample of three processes of 13
 threads each takes about a millisecond of CPU time, 0.6 % of a core at this period."""
 
-_RESOURCES = struct.Struct("<qidqdd")
+_RESOURCES = struct.Struct("<qidqd")
 _INTERFERENCE = struct.Struct("<qddddd")
 """Rows of `r2bspec.record.sample_arrays.RESOURCE_FIELDS` and `INTERFERENCE_FIELDS`."""
 
@@ -400,9 +380,7 @@ class ResourceSampler:
             (MACHINE_INDEX, busy_seconds(psutil.cpu_times()), memory.total - memory.available),
             (CONTROLLER_INDEX, ours.user + ours.system, self._self.memory_info().rss),
         ):
-            self._rows += _RESOURCES.pack(
-                time.monotonic_ns(), index, used_s, used_bytes, math.nan, math.nan
-            )
+            self._rows += _RESOURCES.pack(time.monotonic_ns(), index, used_s, used_bytes, math.nan)
         trees = {
             number: _with_descendants(process)
             for number, process in processes
@@ -443,9 +421,7 @@ class ResourceSampler:
             self._resident[process.pid] = use.resident
         pids = [listed.pid for listed in (*tree, *orphans)]
         waited_s = self._waits.update(number, pids)
-        self._rows += _RESOURCES.pack(
-            now_ns, number, use.cpu_s, use.resident, waited_s, use.minor_faults
-        )
+        self._rows += _RESOURCES.pack(now_ns, number, use.cpu_s, use.resident, waited_s)
 
 
 def _descendants(process: psutil.Process) -> list[psutil.Process]:
@@ -487,13 +463,11 @@ class _Use:
     Attributes:
         cpu_s: CPU time in seconds; it never falls.
         resident: of all that run now, in bytes.
-        minor_faults: of the process and its descendants; those of orphans are not counted.
     """
 
     def __init__(self) -> None:
         self.cpu_s = 0.0
         self.resident = 0
-        self.minor_faults = 0
         self._tree: dict[int, float] = {}
         self._ended_s = 0.0
         self._ended_tree: dict[int, float] = {}
@@ -506,18 +480,15 @@ class _Use:
             psutil.NoSuchProcess: the process has exited.
         """
         times_s: dict[int, float] = {}
-        resident, faults = 0, 0
+        resident = 0
         for listed in tree:
             try:
                 times_s[listed.pid], memory = _read_use(listed)
                 resident += memory
-                faults += minor_faults(listed.pid)
             except psutil.NoSuchProcess:
                 if listed is process:
                     raise
         self._tree, self.resident = times_s, resident
-        # Descendants that have lost their parents take theirs with them.
-        self.minor_faults = max(self.minor_faults, faults)
 
     def end_tree(self) -> None:
         """The process has exited: what its tree had used stays counted."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import statistics
-from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -31,14 +30,12 @@ class ResourceUse:
         memory_max_bytes: the largest resident set at a sample, or None without one.
         waited: the run-queue wait of all its threads per time; it exceeds 1 if several wait at
             once. None if the kernel counts none, or too little was sampled.
-        minor_faults: the page faults without reading from disk in the window; None likewise.
     """
 
     cpu_mean: float | None
     cpu_max: float | None
     memory_max_bytes: int | None
     waited: float | None = None
-    minor_faults: float | None = None
 
 
 MACHINE_INDEX = -1
@@ -82,32 +79,26 @@ class ProcessSamples:
 
     def __init__(self, resources: Rows) -> None:
         ordered = resources[np.lexsort((resources["time_ns"], resources["process"]))]
-        self._indices, starts = np.unique(ordered["process"], return_index=True)
-        self._rows = np.split(ordered, starts[1:])
-        self._places = {index: place for place, index in enumerate(self._indices.tolist())}
-        ends = np.append(starts, ordered.size)[1:]
-        self._first_ns = ordered["time_ns"][starts]
-        self._last_ns = ordered["time_ns"][ends - 1]
+        self._rows = {
+            index: ordered[ordered["process"] == index]
+            for index in np.unique(ordered["process"]).tolist()
+        }
 
     def rows(self, index: int) -> Rows:
         """Return the rows of one process in the order of time; none if it was not sampled."""
-        place = self._places.get(index)
-        return np.empty(0, RESOURCE_DTYPE) if place is None else self._rows[place]
+        rows: Rows = self._rows.get(index, np.empty(0, RESOURCE_DTYPE))
+        return rows
 
-    def count_windows(self, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]) -> int:
-        """Return an upper limit of how many uses `used` calculates in all windows together."""
-        begun_before_end = np.searchsorted(np.sort(began_ns), self._last_ns)
-        ended_before_begin = np.searchsorted(np.sort(ended_ns), self._first_ns, side="right")
-        return int(np.maximum(begun_before_end - ended_before_begin, 0).sum())
+    def sampled(self, began_ns: int, ended_ns: int) -> Iterator[tuple[int, SampledWindow]]:
+        """Yield the index of each process that was sampled between two times, and its samples."""
+        for index, rows in self._rows.items():
+            times = rows["time_ns"]
+            overlap = rows.size > 1 and times[-1] > began_ns and times[0] < ended_ns
+            if overlap and began_ns <= ended_ns:
+                yield index, SampledWindow(rows, began_ns, ended_ns)
 
     def used(self, began_ns: int, ended_ns: int) -> dict[int, ResourceUse]:
-        """Return the use of each process between two times; see `used_in`."""
-        return self.used_in(np.array([began_ns]), np.array([ended_ns]))[0]
-
-    def used_in(
-        self, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
-    ) -> list[dict[int, ResourceUse]]:
-        """Return the use of each process in each of some windows, by ascending index.
+        """Return the use of each process between two times, by ascending index.
 
         With C(t) the processor time used up to t, interpolated linearly between samples,
 
@@ -117,36 +108,12 @@ class ProcessSamples:
         cover at least half of the window; the rest is left out of both differences. A process of
         which nothing was sampled then is left out.
         """
-        used: list[dict[int, ResourceUse]] = [{} for _ in range(began_ns.size)]
-        for index, windows, sampled in self.windows(began_ns, ended_ns):
-            for window, use in zip(windows, _uses(sampled), strict=True):
-                used[window][index] = use
-        return used
-
-    def windows(
-        self, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
-    ) -> Iterator[tuple[int, list[int], SampledWindows]]:
-        """Yield the index of each process, and those of some windows in which it was sampled."""
-        for index in self._indices.tolist():
-            windows = self._windows_of(index, began_ns, ended_ns)
-            if windows.size:
-                ends = began_ns[windows], ended_ns[windows]
-                yield index, windows.tolist(), SampledWindows(self.rows(index), *ends)
-
-    def _windows_of(
-        self, index: int, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
-    ) -> NDArray[np.int64]:
-        """Return the windows in which a process was sampled."""
-        place = self._places.get(index)
-        if place is None or self._rows[place].size < 2:
-            return np.empty(0, np.int64)
-        sampled = (self._last_ns[place] > began_ns) & (self._first_ns[place] < ended_ns)
-        return np.flatnonzero(sampled & (began_ns <= ended_ns))
+        return {index: _use(window) for index, window in self.sampled(began_ns, ended_ns)}
 
     def used_together(
-        self, indices: Sequence[int], began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
-    ) -> list[ResourceUse | None]:
-        """Return the use of several processes in each of some windows, as if they were one process.
+        self, indices: Container[int], began_ns: int, ended_ns: int
+    ) -> ResourceUse | None:
+        """Return the use of several processes between two times, as if they were one process.
 
         Times of sampling differ a little between processes: the values of the others are
         interpolated at the times of the process with the most samples. So the maxima are maxima of
@@ -155,24 +122,9 @@ class ProcessSamples:
         Returns:
             None where nothing was sampled of any of them.
         """
-        sampled_in: list[list[int]] = [[] for _ in range(began_ns.size)]
-        for index in indices:
-            for window in self._windows_of(index, began_ns, ended_ns).tolist():
-                sampled_in[window].append(index)
-        windows_of: dict[tuple[int, ...], list[int]] = {}
-        for window, those in enumerate(sampled_in):
-            windows_of.setdefault(tuple(those), []).append(window)
-        together: list[ResourceUse | None] = [None] * began_ns.size
-        for those_sampled, windows in windows_of.items():
-            if not those_sampled:
-                continue
-            began, ended = began_ns[windows], ended_ns[windows]
-            ends = int(began.min()), int(ended.max())
-            rows = _summed([_around(self.rows(index), *ends) for index in those_sampled])
-            uses = _uses(SampledWindows(rows, began, ended))
-            for window, use in zip(windows, uses, strict=True):
-                together[window] = use
-        return together
+        sampled = self.sampled(began_ns, ended_ns)
+        found = [window.rows for index, window in sampled if index in indices]
+        return _use(SampledWindow(_summed(found), began_ns, ended_ns)) if found else None
 
 
 def _summed(found: Sequence[Rows]) -> Rows:
@@ -182,15 +134,11 @@ def _summed(found: Sequence[Rows]) -> Rows:
     total = max(found, key=len).copy()
     times = total["time_ns"]
     since = times[0]
-    for field in ("cpu_s", "memory_bytes", "waited_s", "minor_faults"):
-        # -1 in files of versions that did not record it.
-        known = all(rows[field].min() >= 0 for rows in found)
-        total[field] = -1
-        if known:
-            total[field] = sum(
-                np.interp((times - since) / 1e9, (rows["time_ns"] - since) / 1e9, rows[field])
-                for rows in found
-            )
+    for field in ("cpu_s", "memory_bytes", "waited_s"):
+        total[field] = sum(
+            np.interp((times - since) / 1e9, (rows["time_ns"] - since) / 1e9, rows[field])
+            for rows in found
+        )
     return total
 
 
@@ -199,146 +147,70 @@ def total_use(found: Sequence[ResourceUse]) -> ResourceUse:
     if len(found) == 1:
         return found[0]
     # The busiest moments need not coincide: their sum is an upper bound.
-    sums = {name: _sum(found, name) for name in ("cpu_mean", "cpu_max", "waited", "minor_faults")}
+    sums = {name: _sum(found, name) for name in ("cpu_mean", "cpu_max", "waited")}
     return ResourceUse(memory_max_bytes=sum(one.memory_max_bytes or 0 for one in found), **sums)
 
 
-class SampledWindows:
-    """Some windows in the samples of one process, in each of which it was sampled.
+class SampledWindow:
+    """The samples of one process in a window, and one on each side of it.
 
-    A run has thousands of windows: all are calculated at once. Samples must cover at least half of
-    a window; the rest of it is left out.
+    Samples must cover at least half of the window; the rest of it is left out.
 
     Args:
         rows: of the process, in the order of time.
-        began_ns: the beginnings of the windows.
-        ended_ns: their ends.
-
-    Attributes:
-        has_sample: whether a sample is inside of each.
+        began_ns: the beginning of the window.
+        ended_ns: its end.
     """
 
-    def __init__(
-        self, rows: Rows, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64]
-    ) -> None:
-        self._rows = rows = _around(rows, int(began_ns.min()), int(ended_ns.max()))
-        self._times = times = np.ascontiguousarray(rows["time_ns"])
-        self._since = np.searchsorted(times, began_ns)
-        self._until = np.searchsorted(times, ended_ns, side="right")
-        self.has_sample: NDArray[np.bool_] = self._since < self._until
-        self._before = np.maximum(self._since - 1, 0)
-        self._after = np.minimum(self._until, times.size - 1)
-        self._start = start = np.maximum(began_ns, times[self._before])
-        self._end = end = np.minimum(ended_ns, times[self._after])
-        self._covered = (end > start) & (2.0 * (end - start) >= ended_ns - began_ns)
-        self._seconds = np.where(self._covered, (end - start) / 1e9, 1.0)
-
-    def growth(self, field: str) -> NDArray[np.float64]:
-        """Return the growth of a counter in each window; NaN where it is not known.
-
-        Between two samples it is interpolated linearly.
-        """
-        values = self._rows[field]
+    def __init__(self, rows: Rows, began_ns: int, ended_ns: int) -> None:
+        times = np.ascontiguousarray(rows["time_ns"])
+        first, last = np.searchsorted(times, began_ns), np.searchsorted(times, ended_ns, "right")
+        self.rows = rows[max(int(first) - 1, 0) : last + 1]
+        self._inside = rows[first:last]
         # Relative to the first sample, because float64 cannot represent nanoseconds since boot.
-        times_s, start_s, end_s = (
-            (each - self._times[0]) / 1e9 for each in (self._times, self._start, self._end)
-        )
-        grown: NDArray[np.float64] = np.interp(end_s, times_s, values)
-        grown -= np.interp(start_s, times_s, values)
-        # -1 in files of versions that did not record it.
-        missing = np.concatenate(([0], np.cumsum(~(values >= 0))))
-        is_missing = missing[self._after + 1] != missing[self._before]
-        grown[is_missing | ~self._covered] = math.nan
-        return grown
+        self._times = self.rows["time_ns"]
+        self._origin_ns = int(self._times[0])
+        start, end = max(began_ns, int(self._times[0])), min(ended_ns, int(self._times[-1]))
+        edges = np.concatenate(([start], self._inside["time_ns"], [end]))
+        self._edges = edges[spaced_indices(edges)]
+        self._covered = end > start and 2 * (end - start) >= ended_ns - began_ns
 
-    def mean(self, field: str) -> NDArray[np.float64]:
+    def _growths(self, field: str, edges_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return how much a counter grew between times, interpolated linearly between samples."""
+        times, edges = ((each - self._origin_ns) / 1e9 for each in (self._times, edges_ns))
+        return np.diff(np.interp(edges, times, self.rows[field]))
+
+    def growth(self, field: str) -> float | None:
+        """Return the growth of a counter in the window; None where it is not known."""
+        known = self._covered and bool((self.rows[field] >= 0).all())
+        return float(self._growths(field, self._edges[[0, -1]])[0]) if known else None
+
+    def mean(self, field: str) -> float | None:
         """Return the growth of a counter per second."""
-        return self.growth(field) / self._seconds
+        grown, length_ns = self.growth(field), int(self._edges[-1] - self._edges[0])
+        return None if grown is None else grown / (length_ns / 1e9)
 
-    def most(self, field: str) -> NDArray[np.float64]:
+    def most(self, field: str) -> float | None:
         """Return the largest growth per second between samples at least `MIN_SPACING_NS` apart."""
-        times, start, end, used = self._times, self._start, self._end, self._rows[field]
-        first, past = np.searchsorted(times, start, side="right"), np.searchsorted(times, end)
-        gaps = times[1:] - times[:-1]
-        near = np.concatenate(([0], np.cumsum(gaps < MIN_SPACING_NS)))
-        times_s = (times - times[0]) / 1e9
-        crowded = (
-            self._covered
-            & (past > first)
-            & (near[np.maximum(past - 1, 0)] > near[np.minimum(first, times.size - 1)])
-        )
-        # Of the others, only samples next to an end of the window are too near to it.
-        past_last = past - (end - times[np.maximum(past - 1, 0)] < MIN_SPACING_NS)
-        first = first + (times[np.minimum(first, times.size - 1)] - start < MIN_SPACING_NS)
-        some = first < past_last
-        ends = np.interp([(start - times[0]) / 1e9, (end - times[0]) / 1e9], times_s, used)
-        low, high = np.minimum(first, times.size - 1), np.maximum(past_last - 1, 0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inside = _largest((used[1:] - used[:-1]) / (gaps / 1e9), low, high)
-            at_start = (used[low] - ends[0]) / ((times[low] - start) / 1e9)
-            at_end = (ends[1] - used[high]) / ((end - times[high]) / 1e9)
-            whole = (ends[1] - ends[0]) / ((end - start) / 1e9)
-        inside = np.where(low < high, inside, -math.inf)
-        largest = np.where(some, np.maximum(np.maximum(at_start, at_end), inside), whole)
-        for window in np.flatnonzero(crowded).tolist():
-            after = np.searchsorted(times, start[window], side="right")
-            within = times[after : past[window]]
-            edges = np.concatenate((start[window : window + 1], within, end[window : window + 1]))
-            edges = edges[spaced_indices(edges)]
-            grown = np.diff(np.interp((edges - times[0]) / 1e9, times_s, used))
-            largest[window] = (grown / (np.diff(edges) / 1e9)).max()
-        return np.asarray(np.fmax(self.mean(field), largest))
+        mean = self.mean(field)
+        if mean is None:
+            return None
+        rates = self._growths(field, self._edges) / (np.diff(self._edges) / 1e9)
+        return max(mean, float(rates.max()))
 
-    def largest(self, field: str) -> NDArray[Any]:
-        """Return the largest value of a sample; anything in a window without."""
-        return _largest(self._rows[field], self._since, self._until)
+    def largest(self, field: str) -> Any:
+        """Return the largest value of a sample in the window; None without a sample."""
+        return self._inside[field].max().item() if self._inside.size else None
 
 
-def _uses(sampled: SampledWindows) -> list[ResourceUse]:
-    """Return what one process used in some windows."""
-    columns = (
-        sampled.mean("cpu_s"),
-        sampled.most("cpu_s"),
-        sampled.has_sample,
-        sampled.largest("memory_bytes"),
-        sampled.mean("waited_s"),
-        sampled.growth("minor_faults"),
+def _use(window: SampledWindow) -> ResourceUse:
+    """Return what a process used in a window."""
+    return ResourceUse(
+        cpu_mean=window.mean("cpu_s"),
+        cpu_max=window.most("cpu_s"),
+        memory_max_bytes=window.largest("memory_bytes"),
+        waited=window.mean("waited_s"),
     )
-    return [
-        ResourceUse(
-            cpu_mean=_finite(mean),
-            cpu_max=None if math.isnan(mean) else most,
-            memory_max_bytes=memory if has_sample else None,
-            waited=_finite(waited),
-            minor_faults=_finite(faults),
-        )
-        for mean, most, has_sample, memory, waited, faults in zip(
-            *(column.tolist() for column in columns), strict=True
-        )
-    ]
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _largest(
-    values: NDArray[Any], first: NDArray[np.int64], past: NDArray[np.int64]
-) -> NDArray[Any]:
-    """Return the largest of ``values[first:past]`` for each of some parts.
-
-    Anything for an empty one.
-    """
-    ends = np.column_stack((first, np.maximum(first, past))).ravel()
-    return np.maximum.reduceat(np.append(values, np.zeros(2, values.dtype)), ends)[::2]
-
-
-def _around(rows: Rows, began_ns: int, ended_ns: int) -> Rows:
-    """Rows inside a window and one on each side."""
-    # Not numpy's search: it copies a field of an array of structures, all of it, for each window.
-    first = bisect_left(rows["time_ns"], began_ns) - 1
-    last = bisect_right(rows["time_ns"], ended_ns)
-    return rows[max(first, 0) : last + 1]
 
 
 def _known(found: Iterable[ResourceUse], name: str) -> list[Any]:
@@ -364,7 +236,6 @@ def pool_resource_use(samples: Iterable[ResourceUse | None]) -> ResourceUse | No
         cpu_mean=sum(means) / len(means) if means else None,
         cpu_max=max(_known(known, "cpu_max"), default=None),
         memory_max_bytes=max(_known(known, "memory_max_bytes"), default=None),
-        minor_faults=_sum(known, "minor_faults"),
     )
 
 
@@ -389,39 +260,33 @@ _COUNTERS: Final = ("busy_s", "encoder_s", "decoder_s", "gpu_j", "package_j")
 
 
 def device_use(
-    rows: Rows, began_ns: NDArray[np.int64], ended_ns: NDArray[np.int64], steps: Sequence[int]
-) -> list[dict[int, DeviceUse]]:
-    """Return the use of devices in some windows, by the machine and by processes on a GPU.
+    sampled: ProcessSamples, began_ns: int, ended_ns: int, steps: int
+) -> dict[int, DeviceUse]:
+    """Return the use of devices in a window, by the machine and by processes on a GPU.
 
-    A value that is unknown at any sample of a window is unknown in the window.
+    A value that is unknown at any sample of the window is unknown in it.
 
     Args:
-        rows: of type `DEVICE_DTYPE`.
-        began_ns: the beginnings of the windows.
-        ended_ns: their ends.
-        steps: the number of steps in each window.
+        sampled: of rows of type `DEVICE_DTYPE`.
+        began_ns: the beginning of the window.
+        ended_ns: its end.
+        steps: the number of steps in it.
     """
-    found: list[dict[int, DeviceUse]] = [{} for _ in steps]
-    for index, windows, sampled in ProcessSamples(rows).windows(began_ns, ended_ns):
-        figures = zip(
-            windows,
-            np.transpose([sampled.mean(counter) for counter in _COUNTERS]).tolist(),
-            np.transpose([sampled.most(counter) for counter in _COUNTERS]).tolist(),
-            np.where(sampled.has_sample, sampled.largest("gpu_bytes"), math.nan).tolist(),
-            strict=True,
+    seconds = (ended_ns - began_ns) / 1e9
+
+    def known(of: Callable[[str], float | None]) -> dict[str, float]:
+        values = ((name, of(name)) for name in _COUNTERS)
+        return {name: value for name, value in values if value is not None}
+
+    found: dict[int, DeviceUse] = {}
+    for index, window in sampled.sampled(began_ns, ended_ns):
+        mean, memory = known(window.mean), window.largest("gpu_bytes")
+        found[index] = DeviceUse(
+            mean=mean,
+            most=known(window.most),
+            per_step={name: one * seconds / steps for name, one in mean.items()} if steps else {},
+            gpu_bytes=memory if memory is not None and math.isfinite(memory) else None,
         )
-        for window, means, most, memory in figures:
-            known = [number for number, mean in enumerate(means) if math.isfinite(mean)]
-            mean = {_COUNTERS[number]: means[number] for number in known}
-            seconds = float(ended_ns[window] - began_ns[window]) / 1e9
-            found[window][index] = DeviceUse(
-                mean=mean,
-                most={_COUNTERS[number]: most[number] for number in known},
-                per_step={name: one * seconds / steps[window] for name, one in mean.items()}
-                if steps[window]
-                else {},
-                gpu_bytes=_finite(memory),
-            )
     return found
 
 
@@ -472,60 +337,42 @@ class HostInterference(msgspec.Struct, frozen=True, kw_only=True):
 
 def host_interference(
     rows: Rows,
-    used: Sequence[Mapping[int, ResourceUse]],
+    used: Mapping[int, ResourceUse],
     processes: Container[int],
     machine: Mapping[str, Any],
-    began_ns: NDArray[np.int64],
-    ended_ns: NDArray[np.int64],
-) -> list[HostInterference | None]:
-    """Return the interference in each of some windows, interpolated linearly between samples.
+    window_ns: tuple[int, int],
+) -> HostInterference | None:
+    """Return the interference in a window, interpolated linearly between samples.
 
     Args:
         rows: of type `INTERFERENCE_DTYPE`, in order of time.
-        used: see `ProcessSamples.used_in`.
+        used: what processes used in the window; see `ProcessSamples.used`.
         processes: the indices of all processes of the run.
         machine: as in `RunRecord.machine`.
-        began_ns: the beginnings of the windows.
-        ended_ns: their ends.
+        window_ns: its beginning and its end.
 
     Returns:
         None where the samples do not cover half of the window.
     """
+    began_ns, ended_ns = window_ns
     if rows.size < 2:
-        return [None] * began_ns.size
-    times = np.ascontiguousarray(rows["time_ns"])
+        return None
+    times, seconds = rows["time_ns"], (ended_ns - began_ns) / 1e9
+    inside_ns = min(ended_ns, int(times[-1])) - max(began_ns, int(times[0]))
+    if ended_ns <= began_ns or 2 * inside_ns < ended_ns - began_ns:
+        return None
     # Relative to the first sample, as for a process.
-    times_s, began_s, ended_s = ((each - times[0]) / 1e9 for each in (times, began_ns, ended_ns))
-    inside_ns = np.minimum(ended_ns, times[-1]) - np.maximum(began_ns, times[0])
-    covered = (ended_ns > began_ns) & (2.0 * inside_ns >= ended_ns - began_ns)
-    sums = np.array(
-        [
-            np.interp(ended_s, times_s, rows[field]) - np.interp(began_s, times_s, rows[field])
-            for field in ("stolen_s", "waited_s", "busy_s", "cycles", "throttled_s")
-        ]
-    )
-    return [
-        _interference(growths, of_window, processes, machine, seconds) if known else None
-        for growths, of_window, seconds, known in zip(
-            sums.T.tolist(), used, ((ended_ns - began_ns) / 1e9).tolist(), covered, strict=True
-        )
-    ]
+    times_s, ends_s = ((each - times[0]) / 1e9 for each in (times, np.array(window_ns)))
 
+    def growth(field: str) -> float | None:
+        """Return the growth of a sum; None where nothing counts it."""
+        before, after = np.interp(ends_s, times_s, rows[field]).tolist()
+        return max(0.0, after - before) if math.isfinite(after - before) else None
 
-def _interference(
-    growths: Sequence[float],
-    used: Mapping[int, ResourceUse],
-    processes: Container[int],
-    machine: Mapping[str, Any],
-    seconds: float,
-) -> HostInterference:
-    """The same in one window, from the growth of each sum, which is NaN where nothing counts it."""
-    stolen_s, waited_s, busy_s, cycles, throttled_s = (
-        max(0.0, growth) if math.isfinite(growth) else None for growth in growths
-    )
     of_run = [use for index, use in used.items() if index == ORPHANS_INDEX or index in processes]
     own = total_use(of_run) if of_run else None
-    cores = machine.get("cores")
+    cores, busy_s, cycles = machine.get("cores"), growth("busy_s"), growth("cycles")
+    stolen_s, waited_s = growth("stolen_s"), growth("waited_s")
     return HostInterference(
         seconds=seconds,
         cores=cores,
@@ -533,7 +380,7 @@ def _interference(
         steal=None if stolen_s is None or not cores else min(1.0, stolen_s / (seconds * cores)),
         foreign_cores=_foreign_cores(busy_s, own, used.get(CONTROLLER_INDEX), seconds),
         pressure=None if waited_s is None else min(1.0, waited_s / seconds),
-        throttled_s=throttled_s,
+        throttled_s=growth("throttled_s"),
         frequency_hz=cycles / busy_s if cycles and busy_s else None,
         own_cores=own.cpu_mean if own is not None else None,
         own_waited=own.waited if own is not None else None,

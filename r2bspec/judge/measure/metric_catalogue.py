@@ -14,6 +14,7 @@ metrics are declared in `r2bspec.judge.measure.metric_declarations`.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
+from functools import cache
 from typing import Final
 
 import msgspec
@@ -215,21 +216,25 @@ def unknown_metric(name: str) -> MetricInfo:
     )
 
 
-def observed_metric(series: str) -> MetricInfo | None:
-    """Return the metric of a node, topic or monitor by its name without part, or None.
+def measured_metric(name: str) -> MetricInfo | None:
+    """Return the metric of a name among the values of a segment; None for a name of none.
 
-    Its part is empty, whether the metric has parts or not.
+    The name of a metric with a distribution has no part, and neither has what is returned.
     """
-    for metric in DECLARED:
-        if metric.scope is Scope.ANATOMY and (subject := metric.subject_in(series)):
-            return MetricInfo(metric, subject=subject)
+    return _measured_metric(name, tuple(DECLARED))
+
+
+@cache
+def _measured_metric(name: str, declared: tuple[Metric, ...]) -> MetricInfo | None:
+    head, _, part = name.rpartition(".")
+    # A name without a placeholder takes precedence.
+    for metric in sorted(declared, key=lambda metric: bool(metric.placeholder)):
+        has_part = bool(metric.parts) and not metric.has_percentiles
+        subject = metric.subject_in(head if has_part else name)
+        is_listed = not has_part or part in metric.parts
+        if metric.scope is not Scope.MONITOR and subject is not None and is_listed:
+            return MetricInfo(metric, part if has_part else "", subject)
     return None
-
-
-def device_metric(name: str) -> MetricInfo | None:
-    """Return the metric of a GPU or a processor by its name, or None."""
-    info = _find(name, None)
-    return info if info is not None and info.scope is Scope.DEVICE else None
 
 
 _OTHER_NAMES: Final = {

@@ -475,6 +475,9 @@ def _memory(used: ResourceUse) -> dict[str, float | None]:
     Scope.PROCESS,
     "share",
     "processor time",
+    title="CPU",
+    columns=("mean", "max"),
+    compared=("mean",),
     parts=("mean", "max"),
     whats={"mean": "processor time; one core is 100 %", "max": _BUSIEST},
     live=True,
@@ -495,6 +498,8 @@ def cpu(used: ResourceUse) -> dict[str, float | None]:
     Scope.PROCESS,
     "size",
     "resident set",
+    title="memory",
+    columns=("max",),
     parts=("max",),
     whats={"max": "largest resident set"},
     live=True,
@@ -513,6 +518,7 @@ def memory(used: ResourceUse) -> dict[str, float | None]:
     Scope.GRAPH,
     "share",
     "processor time",
+    compared=("mean",),
     parts=("mean", "max"),
     whats={
         "mean": "the same of all processes of the graph",
@@ -547,7 +553,7 @@ def memory_of_graph(used: ResourceUse) -> dict[str, float | None]:
     return _memory(used)
 
 
-_WORK_PARTS: Final = ("mean", "p10", "p25", "p50", "p90")
+_WORK_PARTS: Final = ("mean", "p50", "p90")
 
 
 @metric(
@@ -555,6 +561,9 @@ _WORK_PARTS: Final = ("mean", "p10", "p25", "p50", "p90")
     Scope.WORK,
     "time",
     "processor time per step",
+    title="work",
+    columns=("p50", "p90"),
+    compared=("p50",),
     parts=_WORK_PARTS,
     by_turns=True,
 )
@@ -574,6 +583,7 @@ def work(used: Seconds) -> Seconds:
     Scope.WORK,
     "time",
     "processor time per step",
+    compared=("p50",),
     parts=_WORK_PARTS,
     by_turns=True,
 )

@@ -8,18 +8,19 @@ and averages rates.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, Literal
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
-from r2bspec.judge.measure.distribution import PERCENTILES, Distribution, part_value, quantile
-from r2bspec.judge.measure.host_usage import HostInterference, ResourceUse
+from r2bspec.judge.measure.distribution import PERCENTILES, Distribution, part_value
+from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.measure.metric import MetricInfo, Scope
-from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, monitor_metrics
+from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, measured_metric, monitor_metrics
 from r2bspec.judge.measure.metric_declarations import DECLARED
-from r2bspec.judge.measure.metric_values import metric_value
+from r2bspec.judge.measure.metric_values import message_values, metric_value
 from r2bspec.judge.measure.sample_table import MonitorSamples
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, pool_segments
 from r2bspec.judge.measure.times import Seconds, rank
@@ -29,11 +30,39 @@ MetricValue = Distribution | int | float | None
 """The distribution of the values of single messages, or one value; None is unknown."""
 
 
-class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """The values of all declared metrics of a monitor.
+class MeasuredValues(msgspec.Struct, frozen=True, kw_only=True):
+    """The values of declared metrics.
 
     Attributes:
         values: by the name of the metric, without a part where it has a distribution.
+    """
+
+    values: dict[str, MetricValue]
+
+    def value(self, info: MetricInfo) -> float | None:
+        """Return the value of a metric in one of its listed parts."""
+        found = self.values.get(info.name, self.values.get(info.series))
+        return part_value(found, info.part) if isinstance(found, Distribution) else found
+
+    def number(self, name: str) -> float | None:
+        """Return the value of a metric that has one value; None if it is unknown."""
+        found = self.values.get(name)
+        return None if isinstance(found, Distribution) else found
+
+    def count(self, name: str) -> int:
+        """Return a count; 0 if it is unknown."""
+        return int(self.number(name) or 0)
+
+    def times(self, name: str) -> Distribution:
+        """Return the distribution of the values of single messages."""
+        found = self.values.get(name)
+        return found if isinstance(found, Distribution) else _NOTHING
+
+
+class MonitorMetrics(MeasuredValues, frozen=True, kw_only=True):
+    """The values of all declared metrics of a monitor.
+
+    Attributes:
         own_period_s: the period at which outputs come whether inputs do or not, in seconds; None
             where they follow the inputs (`r2bspec.judge.measure.own_pace`).
         fitting_match: the ratio or the match that fits the outputs where those of the monitor do
@@ -41,28 +70,14 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
         unknown_latency: why there is no latency though there are answers; empty if there is one.
     """
 
-    values: dict[str, MetricValue]
     unknown_latency: str = ""
     own_period_s: float | None = None
     fitting_match: str = ""
 
-    def value(self, info: MetricInfo) -> float | None:
-        """Return the value of a metric in one of its listed parts."""
-        found = self.values.get(info.name, self.values.get(info.series))
-        return part_value(found, info.part) if isinstance(found, Distribution) else found
-
-    def count(self, name: str) -> int:
-        """Return a count; 0 if it is unknown."""
-        return int(self._number(name) or 0)
-
-    def _number(self, name: str) -> float | None:
-        found = self.values.get(name)
-        return None if isinstance(found, Distribution) else found
-
     @property
     def is_expected(self) -> bool:
         """Whether a number of outputs was expected, so that missed outputs can be counted."""
-        return self._number("missed") is not None
+        return self.number("missed") is not None
 
     @property
     def expected(self) -> int:
@@ -72,17 +87,12 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def throughput_hz(self) -> float:
         """The throughput."""
-        return self._number("throughput.mean") or 0.0
+        return self.number("throughput.mean") or 0.0
 
     @property
     def drop_rate(self) -> float | None:
         """The share of the expected outputs that were missed."""
-        return self._number("drop_rate")
-
-    def times(self, name: str) -> Distribution:
-        """Return the distribution of the values of single messages."""
-        found = self.values.get(name)
-        return found if isinstance(found, Distribution) else _NOTHING
+        return self.number("drop_rate")
 
     @property
     def latency(self) -> Distribution:
@@ -90,72 +100,29 @@ class MonitorMetrics(msgspec.Struct, frozen=True, kw_only=True):
         return self.times("latency")
 
 
-class PlaybackMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """The playback: the published rate, and how late publications began.
-
-    In a live run, in which nothing is played, both are None.
-    """
-
-    sent: int | None
-    rate_hz: float | None
-    lateness: Distribution
-
-
-class WorkMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """The processor time of `n` steps, in seconds each."""
-
-    n: int
-    mean: float
-    p10: float
-    p25: float
-    p50: float
-    p90: float
-
-
-WORK_PARTS: Final = ("mean", "p10", "p25", "p50", "p90")
-
-
-class UseMetrics(msgspec.Struct, frozen=True, kw_only=True):
-    """The resource use of a process and its descendants; for the machine, of all processes.
-
-    `faults_per_message` is the number of page faults without reading from disk for each step that
-    was played; None if it was not counted, or nothing was played. `work` is None if the processor
-    time of steps was not read.
-    """
-
-    cpu_mean: float | None
-    cpu_max: float | None
-    memory_max_bytes: int | None
-    faults_per_message: float | None = None
-    work: WorkMetrics | None = None
-
-
-class SegmentMetrics(msgspec.Struct, frozen=True, kw_only=True):
+class SegmentMetrics(MeasuredValues, frozen=True, kw_only=True):
     """An iteration, or several pooled iterations (then `segment` is empty and `index` is None).
 
-    `interference` is the host interference, if it was sampled; None if pooled. `start` is the
-    number of the start in which it was played, from 1; 0 if pooled.
+    `values` has the metrics that belong to no monitor: of the playback, of processes, of the
+    machine, and of what was observed from inside, such as ``cpu.relay.mean`` and ``blur.callback``.
 
     Attributes:
-        graph: what the processes of the graph used together; None in results of versions that did
-            not state it.
-        devices: what GPUs and processor packages did: metrics such as ``gpu.power.mean``, by name.
-            Unset if nothing was measured.
-        anatomy: what was observed from inside of each node and topic, such as ``blur.callback``;
-            times in seconds, and shares, which have one value or a few. Unset if nothing was.
+        interference: the host interference, if it was sampled; None if pooled.
+        start: the number of the start in which it was played, from 1; 0 if pooled.
     """
 
     segment: str
     index: int | None
-    playback: PlaybackMetrics
     monitors: dict[str, MonitorMetrics]
-    processes: dict[str, UseMetrics]
-    machine: UseMetrics | None
-    graph: UseMetrics | None = None
     interference: HostInterference | None = None
     start: int = 0
-    devices: dict[str, float] | msgspec.UnsetType = msgspec.UNSET
-    anatomy: dict[str, Distribution] | msgspec.UnsetType = msgspec.UNSET
+
+    def entries(self, *scopes: Scope) -> Iterator[tuple[str, MetricInfo, MetricValue]]:
+        """Yield the values of metrics, or of those of some scopes, with their names and metrics."""
+        for name, value in self.values.items():
+            info = measured_metric(name)
+            if info is not None and (not scopes or info.scope in scopes):
+                yield name, info, value
 
 
 class Spread(msgspec.Struct, frozen=True, kw_only=True):
@@ -233,47 +200,44 @@ def measure_segment(samples: SegmentSamples, *, pooled: bool = False) -> Segment
 
     A better fitting `match` of outputs is only looked for in all iterations together.
     """
-    played = samples.playback
-    sent = 0 if samples.live else played.sent
     return SegmentMetrics(
         segment="" if pooled else samples.segment.id,
         index=None if pooled else samples.segment.index,
-        playback=PlaybackMetrics(
-            sent=None if samples.live else played.sent,
-            rate_hz=None if samples.live else played.rate_hz,
-            lateness=distribution(played.lateness),
-        ),
+        values=_values(samples),
         monitors={
             name: _monitor(seen, seen.fitting_match if pooled and not seen.own_period_s else "")
             for name, seen in samples.monitors.items()
         },
-        processes={
-            name: _use(used, sent, samples.known_work(name))
-            for name, used in samples.processes.items()
-        },
-        machine=_use(samples.machine) if samples.machine is not None else None,
-        graph=_use(samples.graph, sent, samples.known_work(WHOLE_GRAPH))
-        if samples.graph is not None
-        else None,
         interference=samples.interference,
         start=0 if pooled else samples.segment.start,
-        devices=_devices(samples) or msgspec.UNSET,
-        anatomy={name: distribution(times) for name, times in samples.anatomy.items()}
-        or msgspec.UNSET,
     )
 
 
-def _devices(samples: SegmentSamples) -> dict[str, float]:
-    infos = [
-        msgspec.structs.replace(info, subject=subject)
-        for metric in DECLARED
-        if metric.scope is Scope.DEVICE
-        for subject in samples.devices
-        if bool(metric.placeholder) == bool(subject)
-        for info in metric.infos
-    ]
-    values = {info.name: metric_value(info, None, samples) for info in infos}
-    return {name: value for name, value in values.items() if value is not None}
+def _values(samples: SegmentSamples) -> dict[str, MetricValue]:
+    """Return the known values of the metrics that belong to no monitor."""
+    found: dict[str, MetricValue] = {}
+    processes = dict.fromkeys([*samples.processes, *samples.devices, *samples.work])
+    named = [name for name in processes if name and name != WHOLE_GRAPH]
+    for metric in DECLARED:
+        if metric.scope in {Scope.MONITOR, Scope.SEARCH, Scope.PROBE}:
+            continue
+        subjects = [""]
+        if metric.scope is Scope.ANATOMY:
+            subjects = [
+                subject for series in samples.anatomy if (subject := metric.subject_in(series))
+            ]
+        elif metric.placeholder:
+            subjects = named
+        for subject in subjects:
+            infos = [replace(info, subject=subject) for info in metric.infos]
+            if metric.has_percentiles:
+                times = message_values(infos[0], None, samples)
+                if times.size:
+                    found[infos[0].series] = distribution(times)
+            else:
+                values = {info.name: metric_value(info, None, samples) for info in infos}
+                found |= {name: value for name, value in values.items() if value is not None}
+    return found
 
 
 def _measure_rate(
@@ -314,8 +278,9 @@ def _monitor(seen: MonitorSamples, fitting_match: str) -> MonitorMetrics:
         if metric.scope is not Scope.MONITOR or not seen.reports(metric):
             continue
         if metric.has_percentiles:
-            times = metric.read(seen) if seen.knows(metric) else _NO_TIMES
-            values[metric.name] = distribution(times)
+            values[metric.name] = (
+                distribution(metric.read(seen)) if seen.knows(metric) else _NOTHING
+            )
         else:
             read = metric.read(seen) if seen.knows(metric) else None
             for info in metric.infos:
@@ -328,28 +293,6 @@ def _monitor(seen: MonitorSamples, fitting_match: str) -> MonitorMetrics:
     )
 
 
-def _use(used: ResourceUse, sent: int = 0, work: Seconds | None = None) -> UseMetrics:
-    """The use of a process while `sent` steps were played, of some of which the work is known."""
-    known = used.minor_faults is not None and sent > 0
-    return UseMetrics(
-        cpu_mean=used.cpu_mean,
-        cpu_max=used.cpu_max,
-        memory_max_bytes=used.memory_max_bytes,
-        faults_per_message=(used.minor_faults or 0.0) / sent if known else None,
-        work=_work(work) if work is not None and work.size else None,
-    )
-
-
-def _work(steps: Seconds) -> WorkMetrics:
-    """Summarise the processor time of at least one step."""
-    ordered = np.sort(steps)
-    percentiles = {
-        part: float(ordered[rank(quantile(part) or 0.0, steps.size) - 1]) for part in WORK_PARTS[1:]
-    }
-    return WorkMetrics(n=int(steps.size), mean=float(steps.mean()), **percentiles)
-
-
-_NO_TIMES: Final = np.empty(0)
 _NOTHING: Final = Distribution(n=0, min=None, mean=None, max=None, **dict.fromkeys(PERCENTILES))
 
 

@@ -35,11 +35,9 @@ from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, playback_s
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.plan.plan import GRAPH_ROLES, MonitorPlan, Plan
 from r2bspec.record.comparison_folder import MergedRun, prefixed_id
-from r2bspec.record.files import RecordError
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ProcessRecord, RunRecord, Segment
 from r2bspec.record.sample_arrays import DEVICE_DTYPE, Rows
-from r2bspec.safe_io.limits import MAX_PROCESS_WINDOWS
 
 _HARNESS_ROLES = ("player", "monitor", "harness", "observer")
 
@@ -71,12 +69,14 @@ class HostSamples:
     Attributes:
         processes: from rows of `RESOURCE_DTYPE`.
         interference: rows of `INTERFERENCE_DTYPE`.
-        devices: rows of `DEVICE_DTYPE`.
+        devices: from rows of `DEVICE_DTYPE`.
     """
 
     processes: ProcessSamples
     interference: Rows
-    devices: Rows = field(default_factory=lambda: np.empty(0, DEVICE_DTYPE))
+    devices: ProcessSamples = field(
+        default_factory=lambda: ProcessSamples(np.empty(0, DEVICE_DTYPE))
+    )
 
 
 def read_samples(run: Run) -> RunSamples:
@@ -90,29 +90,10 @@ def read_samples(run: Run) -> RunSamples:
         run.record,
         run.plan,
         lambda segment: segment_samples(run.plan, segment, _read_rows(run, segment, played)),
-        HostSamples(_read_process_samples(run), run.interference(), run.devices()),
+        HostSamples(
+            ProcessSamples(run.resources()), run.interference(), ProcessSamples(run.devices())
+        ),
     )
-
-
-def _read_process_samples(run: Run) -> ProcessSamples:
-    """Return what was sampled of the processes in the record, and of the machine.
-
-    Raises:
-        RecordError: the file is damaged, or has more processes than can be judged.
-    """
-    resources, segments = run.resources(), run.record.segments
-    found = ProcessSamples(resources[resources["process"] < len(run.record.processes)])
-    windows = found.count_windows(
-        np.array([segment.began_ns for segment in segments], dtype=np.int64),
-        np.array([segment.ended_ns for segment in segments], dtype=np.int64),
-    )
-    if windows > MAX_PROCESS_WINDOWS:
-        raise RecordError(
-            f"{run.folder} has {windows:,} samples of processes in segments; the limit is "
-            f"{MAX_PROCESS_WINDOWS:,}",
-            hint="Play fewer iterations or rates in one run: split the spec.",
-        )
-    return found
 
 
 def merged_samples(merged: MergedRun, runs: Sequence[RunSamples]) -> RunSamples:
@@ -328,48 +309,23 @@ def work_of_steps(rows: Rows, processes: Sequence[str], steps: int) -> dict[str,
     return named
 
 
-def _host_samples(record: RunRecord, plan: Plan, host: HostSamples) -> Mapping[str, dict[str, Any]]:
-    """Resource usage and host interference in each complete segment of a run, by its id.
-
-    They are fields of `SegmentSamples`.
-
-    Args:
-        record: of the run so far.
-        plan: of the run.
-        host: what was sampled over the whole run.
-    """
-    segments = [segment for segment in record.segments if segment.complete]
-    began_ns = np.array([segment.began_ns for segment in segments], dtype=np.int64)
-    ended_ns = np.array([segment.ended_ns for segment in segments], dtype=np.int64)
-    used = host.processes.used_in(began_ns, ended_ns)
-    indices = range(len(record.processes))
-    graph_names = {
-        *(process.name for process in record.processes if process.role in GRAPH_ROLES),
-        *(process.name for process in plan.processes if process.nodes),
-    }
-    of_graph = [
-        index for index, process in enumerate(record.processes) if process.name in graph_names
-    ]
-    columns = zip(
-        used,
-        host.processes.used_together(of_graph, began_ns, ended_ns),
-        host_interference(host.interference, used, indices, record.machine, began_ns, ended_ns),
-        device_use(host.devices, began_ns, ended_ns, [segment.steps for segment in segments]),
-        strict=True,
-    )
-    ranks = _ranks(record.processes)
+def _of_host(record: RunRecord, plan: Plan, host: HostSamples, segment: Segment) -> dict[str, Any]:
+    """Return resource usage and host interference in a segment: fields of `SegmentSamples`."""
+    window = segment.began_ns, segment.ended_ns
+    used = host.processes.used(*window)
+    devices = device_use(host.devices, *window, segment.steps)
+    names = {process.name for process in record.processes if process.role in GRAPH_ROLES}
+    names |= {process.name for process in plan.processes if process.nodes}
+    processes = record.processes
+    of_graph = {index for index, process in enumerate(processes) if process.name in names}
+    ranks, indices = _ranks(processes), range(len(processes))
     return {
-        segment.id: {
-            "processes": _by_name(record, of_segment, ranks, total_use),
-            "machine": of_segment.get(MACHINE_INDEX),
-            "graph": graph,
-            "interference": interference,
-            "devices": _by_name(record, devices, ranks, pool_device_use)
-            | ({"": devices[MACHINE_INDEX]} if MACHINE_INDEX in devices else {}),
-        }
-        for segment, (of_segment, graph, interference, devices) in zip(
-            segments, columns, strict=True
-        )
+        "processes": _by_name(record, used, ranks, total_use),
+        "machine": used.get(MACHINE_INDEX),
+        "graph": host.processes.used_together(of_graph, *window),
+        "interference": host_interference(host.interference, used, indices, record.machine, window),
+        "devices": _by_name(record, devices, ranks, pool_device_use)
+        | ({"": devices[MACHINE_INDEX]} if MACHINE_INDEX in devices else {}),
     }
 
 
@@ -416,16 +372,14 @@ def run_samples(
     Raises:
         RecordError: `samples_of` reads files, and one is missing or damaged.
     """
-    used = _host_samples(record, plan, host)
+
+    def of_segment(segment: Segment) -> SegmentSamples:
+        return replace(samples_of(segment), **_of_host(record, plan, host, segment))
 
     def session(
         record: RunRecord, iterations: list[Segment], sustained: list[Segment]
     ) -> RunSamples:
         """Return the samples of the complete segments of one session."""
-
-        def of_segment(segment: Segment) -> SegmentSamples:
-            return replace(samples_of(segment), **used[segment.id])
-
         first_played: dict[float, list[SegmentSamples]] = {}
         reruns: dict[str, SegmentSamples] = {}
         for segment in iterations:
@@ -444,9 +398,7 @@ def run_samples(
     first = replace(
         first,
         turns={
-            (segment.kind, plan.play[segment.index - 1].rate_hz): replace(
-                samples_of(segment), **used[segment.id]
-            )
+            (segment.kind, plan.play[segment.index - 1].rate_hz): of_segment(segment)
             for segment in record.segments
             if (segment.kind == "turns" or segment.kind == "work_turns") and segment.complete
         },

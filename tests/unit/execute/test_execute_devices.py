@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from r2bspec.execute.processes.devices import PackageEnergy
-from r2bspec.judge.measure.host_usage import MACHINE_INDEX, DeviceUse, device_use
+from r2bspec.judge.measure.host_usage import MACHINE_INDEX, DeviceUse, ProcessSamples, device_use
 from r2bspec.record.sample_arrays import DEVICE_DTYPE, Rows
 
 STUB = Path(__file__).parents[2] / "support" / "stub_nvml.c"
@@ -54,8 +54,9 @@ def sampled(library: Path | None, **devices: str) -> tuple[dict[str, Any], Rows]
 def used(rows: Rows, first: int = 0, last: int = -1) -> dict[int, DeviceUse]:
     """What devices did between two samples, in which 10 steps were played."""
     times = rows[rows["process"] == MACHINE_INDEX]["time_ns"]
-    (found,) = device_use(rows, times[[first]], times[[last]], [10]) if times.size else ({},)
-    return found
+    if not times.size:
+        return {}
+    return device_use(ProcessSamples(rows), int(times[first]), int(times[last]), 10)
 
 
 def test_a_gpu_is_measured_for_the_machine_and_for_its_process(library: Path) -> None:

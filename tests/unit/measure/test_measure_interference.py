@@ -46,10 +46,8 @@ def interference(
     rows: Rows, sampled: ProcessSamples, processes: int, began_ns: int, ended_ns: int
 ) -> HostInterference | None:
     """On two cores, on which the run has so many processes."""
-    window = np.array([began_ns]), np.array([ended_ns])
-    used = sampled.used_in(*window)
-    (found,) = host_interference(rows, used, range(processes), {"cores": 2}, *window)
-    return found
+    used = sampled.used(began_ns, ended_ns)
+    return host_interference(rows, used, range(processes), {"cores": 2}, (began_ns, ended_ns))
 
 
 def test_what_happened_outside_the_window_does_not_count() -> None:

@@ -49,10 +49,9 @@ def test_each_iteration_is_kept_and_the_pool_adds_them_up() -> None:
     assert pooled.throughput_hz == pytest.approx(10, rel=0.04)
     spread = ten.spread["detections"]["latency.p50"]
     assert (spread.low, spread.high) == pytest.approx((0.01, 0.03))
-    assert ten.pooled.processes["apriltag"].cpu_mean == pytest.approx(0.5)
-    assert ten.pooled.machine is not None
-    assert ten.pooled.machine.cpu_mean == pytest.approx(0.65)
-    assert ten.pooled.playback.rate_hz == pytest.approx(10)
+    assert ten.pooled.number("cpu.apriltag.mean") == pytest.approx(0.5)
+    assert ten.pooled.number("cpu.system.mean") == pytest.approx(0.65)
+    assert ten.pooled.number("playback.rate") == pytest.approx(10)
 
 
 def test_metrics_survive_json() -> None:
@@ -107,8 +106,8 @@ def test_what_is_observed_from_inside_has_values_and_is_pooled() -> None:
         assert metric_value(info, None, first) == (
             None if value is None else pytest.approx(value)
         ), name
-    pooled = summarise(samples).rates[0].pooled.anatomy or {}
-    assert (pooled["relay.callback"].n, pooled["relay.callback"].p50) == (6, 0.004)
+    callback = summarise(samples).rates[0].pooled.times("relay.callback")
+    assert (callback.n, callback.p50) == (6, 0.004)
 
 
 def test_lost_messages_are_the_slowest_when_a_latency_is_asked_for() -> None:

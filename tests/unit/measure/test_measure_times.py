@@ -132,12 +132,12 @@ class TestResources:
             )
         )
         sampled, ended_ns = ProcessSamples(rows), EPOCH_NS + 2 * 10**9
-        window = np.array([EPOCH_NS]), np.array([ended_ns])
-        (together,) = sampled.used_together([0, 1], *window)
+        together = sampled.used_together([0, 1], EPOCH_NS, ended_ns)
         assert together is not None
         assert together.cpu_mean == pytest.approx(1.0, abs=0.02)
         assert together.cpu_max == pytest.approx(1.0, abs=0.02)
         assert total_use([*sampled.used(EPOCH_NS, ended_ns).values()]).cpu_max == pytest.approx(2.0)
         assert together.memory_max_bytes == pytest.approx(399, abs=2)
-        assert sampled.used_together([0], *window) == [sampled.used(EPOCH_NS, ended_ns)[0]]
-        assert sampled.used_together([2], *window) == [None]
+        alone = sampled.used(EPOCH_NS, ended_ns)[0]
+        assert sampled.used_together([0], EPOCH_NS, ended_ns) == alone
+        assert sampled.used_together([2], EPOCH_NS, ended_ns) is None

@@ -14,13 +14,14 @@ import pytest
 from r2bspec.record.run_folder import Run
 
 PROGRAM = '''
-"""Declares a metric, and does what the command line is asked for."""
+"""Declares two metrics, and does what the command line is asked for."""
 
 import sys
 
 from r2bspec.judge.measure.distribution import PARTS
 from r2bspec.judge.measure.metric import Scope, metric
 from r2bspec.judge.measure.sample_table import MonitorSamples
+from r2bspec.judge.measure.host_usage import ResourceUse
 import r2bspec.judge.measure.metric_declarations
 
 
@@ -44,6 +45,23 @@ def spacing(seen: MonitorSamples):
     (t[i+1] - t[i]) / 2
     """
     return seen.interval / 2
+
+
+@metric(
+    "appetite.<process>",
+    Scope.PROCESS,
+    "share",
+    "half the processor time",
+    parts=("mean",),
+    title="appetite",
+    columns=("mean",),
+)
+def appetite(used: ResourceUse):
+    """Half the processor time of a process.
+
+    cpu / 2
+    """
+    return {"mean": used.cpu_mean / 2}
 
 
 if sys.argv[1] == "completions":
@@ -84,24 +102,30 @@ def reports(asked: Asked, usual_run: Run, tmp_path_factory: pytest.TempPathFacto
 
 def test_the_result_has_its_values(reports: Path) -> None:
     result = json.loads((reports / "report.json").read_text())
-    values = result["metrics"]["rates"][0]["pooled"]["monitors"]["detections"]["values"]
+    pooled = result["metrics"]["rates"][0]["pooled"]
+    values = pooled["monitors"]["detections"]["values"]
     assert values["spacing"]["n"] == values["interval"]["n"] > 0
     assert values["spacing"]["p50"] == values["interval"]["p50"] / 2
+    of_run = pooled["values"]
+    assert of_run["appetite.apriltag.mean"] == of_run["cpu.apriltag.mean"] / 2 > 0
 
 
 def test_csv_has_a_row_for_each_part(reports: Path) -> None:
     rows = csv.DictReader((reports / "report.csv").read_text().splitlines())
     found = {row["metric"]: row["unit"] for row in rows}
     assert {"spacing.mean": "s", "spacing.p50": "s", "spacing.max": "s"}.items() <= found.items()
+    assert found["appetite.apriltag.mean"] == "share"
 
 
 @pytest.mark.parametrize("report", ["txt", "md", "html"])
-def test_tables_have_its_column(reports: Path, report: str) -> None:
-    assert "spacing p50" in (reports / f"report.{report}").read_text()
+@pytest.mark.parametrize("column", ["spacing p50", "appetite"])
+def test_tables_have_its_column(reports: Path, report: str, column: str) -> None:
+    assert column in (reports / f"report.{report}").read_text()
 
 
 def test_it_is_completed_and_explained(asked: Asked) -> None:
     assert "spacing.p50" in asked("completions", "spac").splitlines()
+    assert "appetite.<process>.mean" in asked("completions", "appe").splitlines()
     explained = asked("docs", "spacing.p99")
     assert "Half the time between two consecutive outputs." in explained
     assert "(t[i+1] - t[i]) / 2" in explained

@@ -16,7 +16,7 @@ from html_elements import Page
 from r2bspec.compare.report_input import ReportInput
 from r2bspec.errors import OUTPUT_FOLLOWS
 from r2bspec.judge.judge_run import result_of
-from r2bspec.judge.measure.metrics import UseMetrics, WorkMetrics
+from r2bspec.judge.measure.metrics import distribution
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import DisturbedIteration
 from r2bspec.report.document import Detail, Table
@@ -80,11 +80,10 @@ def test_every_medium_has_every_cell_that_it_has_room_for(
 
 def with_work(result: Result, work_s: float) -> Result:
     """The result, in which the node used this processor time in every step."""
-    parts = WorkMetrics(n=100, mean=work_s, p10=work_s, p25=work_s, p50=work_s, p90=work_s)
+    work = distribution(np.full(100, work_s))
     (rate,) = result.metrics.rates
-    use = UseMetrics(cpu_mean=0.5, cpu_max=0.5, memory_max_bytes=1, work=parts)
-    processes = rate.pooled.processes | {"apriltag": use}
-    pooled = msgspec.structs.replace(rate.pooled, processes=processes)
+    values = rate.pooled.values | {"cpu.apriltag.mean": 0.5, "work.apriltag": work}
+    pooled = msgspec.structs.replace(rate.pooled, values=values)
     rates = (msgspec.structs.replace(rate, pooled=pooled),)
     return msgspec.structs.replace(
         result, metrics=msgspec.structs.replace(result.metrics, rates=rates)
