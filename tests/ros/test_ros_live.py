@@ -124,7 +124,7 @@ def test_without_a_time_of_this_machine_there_is_no_latency(pooled: Any, name: s
 
 
 def test_what_nobody_knows_has_no_value(pooled: Any) -> None:
-    assert pooled["playback"]["sent"] is pooled["playback"]["rate_hz"] is None
+    assert not {"sent", "playback.rate"} & pooled["values"].keys()
     for seen in (pooled["monitors"][monitor] for monitor in ("image", "out", "old", "text")):
         for name in ("sent", "answered", "missed", "drop_rate", "duplicates", "unmatched"):
             assert seen["values"][name] is None

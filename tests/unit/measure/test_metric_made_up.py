@@ -125,7 +125,7 @@ def test_tables_have_its_column(reports: Path, report: str, column: str) -> None
 
 def test_it_is_completed_and_explained(asked: Asked) -> None:
     assert "spacing.p50" in asked("completions", "spac").splitlines()
-    assert "appetite.<process>.mean" in asked("completions", "appe").splitlines()
+    assert "Half the processor time of a process." in asked("docs", "appetite.apriltag.mean")
     explained = asked("docs", "spacing.p99")
     assert "Half the time between two consecutive outputs." in explained
     assert "(t[i+1] - t[i]) / 2" in explained

@@ -95,7 +95,7 @@ def test_the_work_of_a_process_is_in_its_row_in_every_report(passing: ReportInpu
     for name in ("text", "markdown", "html"):
         text = renderer(name)(replace(passing, result=result)).decode()
         assert "12.3 ms" in text, name
-    assert 'data-path="metrics/rates/0/pooled/processes/apriltag/work/p50"' in text
+    assert 'data-path="metrics/rates/0/pooled/values/work.apriltag/p50"' in text
     values = renderer("csv")(replace(passing, result=result)).decode()
     assert "work.apriltag.p90,s,0.0123" in values
 
