@@ -134,25 +134,9 @@ def test_every_word_can_be_read(browser: Chromium, server: Server, dark: bool) -
         assert page.evaluate(UNREADABLE) == []
 
 
-def test_the_dark_page_is_dark(browser: Chromium, server: Server) -> None:
-    colour = "getComputedStyle(document.body).backgroundColor"
-    with browser.page(address(server), dark=True) as page:
-        dark = page.evaluate(colour)
-    with browser.page(address(server)) as page:
-        assert page.evaluate(colour) != dark
-
-
 def test_a_narrow_screen_needs_no_sideways_scrolling(browser: Chromium, server: Server) -> None:
     with browser.page(address(server), width=390) as page:
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-
-
-def test_paper_is_white_even_at_night(browser: Chromium, server: Server) -> None:
-    with browser.page(address(server), dark=True, media="print") as page:
-        assert page.evaluate("getComputedStyle(document.body).backgroundColor") == (
-            "rgb(255, 255, 255)"
-        )
-        assert page.pdf().startswith(b"%PDF")
 
 
 def test_hostile_words_run_nothing(browser: Chromium, server: Server) -> None:

@@ -43,18 +43,6 @@ def test_a_spec_without_an_end_is_refused(kind: str, tmp_path: Path) -> None:
     assert "error[R2B001 file-unreadable]" in validate(tmp_path)
 
 
-@pytest.mark.parametrize("kind", ["pipe", "itself", "zeros"])
-def test_a_python_file_without_an_end_is_answered(kind: str, tmp_path: Path) -> None:
-    make_special(tmp_path / "n.py", kind)
-    assert "error" in validate(tmp_path, "python: ./n.py:N")
-
-
-def test_standard_input_without_an_end_is_answered(tmp_path: Path) -> None:
-    answered(
-        "validate", "-", cwd=tmp_path, status=1, says="R2B002", stdin=b"a: b\n# x\n" * 10_000_000
-    )
-
-
 def test_no_line_of_a_linked_file_is_shown(tmp_path: Path) -> None:
     folder = tmp_path / "repository"
     (folder / "interfaces").mkdir(parents=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 from typing import Any
@@ -183,11 +182,6 @@ def test_broken_launch_files(content: str, said: str, call: Call) -> None:
     assert said in error
     assert "Traceback" not in error
     assert not Path("made.r2b.yaml").exists()
-
-
-def test_a_launch_file_that_is_none(call: Call) -> None:
-    os.mkfifo("pipe.launch.py")
-    call("init", "made", "--from-launch", "pipe.launch.py", status=2)
 
 
 def graph_node(name: str, namespace: str = "/", **more: Any) -> dict[str, Any]:

@@ -47,11 +47,3 @@ def test_arguments_that_no_file_has_are_refused(call: Call) -> None:
     assert "did you mean 'side'?" in said
     assert not Path("made.r2b.yaml").exists()
     call(*words, "map:=hall", status=0)
-
-
-@pytest.mark.parametrize("written", ["map", ":=3"])
-def test_what_is_no_launch_argument_is_refused(written: str, call: Call) -> None:
-    Path("a.launch.xml").write_text("<launch/>")
-    error = call("init", "made", "--from-launch", "a.launch.xml", "--launch-arg", written, status=2)
-    assert "NAME:=VALUE" in error.err
-    assert not Path("made.r2b.yaml").exists()

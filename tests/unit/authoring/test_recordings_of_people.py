@@ -16,7 +16,6 @@ from nightly import sampled
 from r2bspec.authoring.sources import InitSources, spec_from_sources
 from r2bspec.bags import recorded_times
 from r2bspec.check import check
-from r2bspec.cli.main import main
 from r2bspec.errors import UsageError
 from r2bspec.language.load_spec import load_spec
 from recorded_inputs import (
@@ -253,14 +252,6 @@ def test_a_topic_that_is_not_cdr_is_not_loaded(tmp_path: Path, encoding: str) ->
     assert found(tmp_path, first.text)[0] == [("R2B306", "error")]
 
 
-def test_a_recording_without_types_is_played_as_what_the_node_reads(tmp_path: Path) -> None:
-    rows = [(row.topic, row.time_ns - START_NS, row.data) for row in SCANS]
-    write_mcap(tmp_path / "bag.mcap", rows, kind="")
-    first = first_spec(tmp_path, node(*_SCAN_NODE), "./bag.mcap")
-    assert (first.inputs, first.findings) == ({"scan": {}}, [])
-    assert f"whether /scan is {SCAN}: the recording names no type" in first.text
-
-
 def test_a_recording_without_messages_is_refused(tmp_path: Path) -> None:
     record(tmp_path / "bag", [])
     with pytest.raises(UsageError, match="has no messages"):
@@ -354,33 +345,6 @@ def test_clock_has_one_publisher_of_the_time_of_the_stamps(tmp_path: Path, edit:
 
 
 @pytest.mark.parametrize(
-    ("rows", "line"),
-    [
-        (
-            series("/scan", SCAN, 9, 10, start_ns=12_300 * MS),
-            "/scan is stamped and recorded by a simulated clock, from 12.3 s.",
-        ),
-        (
-            series("/scan", SCAN, 2, 10, stamp=lambda _: 0)
-            + series("/scan", SCAN, 9, 10, start_ns=START_NS + S),
-            "/scan was not always stamped: 2 of 11 stamps are 0.",
-        ),
-        (
-            squeezed(series("/scan", SCAN, 100, 10), 0),
-            "/scan was recorded in 0 s, and stamped over 9.9 s.",
-        ),
-    ],
-    ids=["simulated and recorded", "unset at first", "at once"],
-)
-def test_data_info_says_which_clock_stamps_are_of(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], rows: list[Recorded], line: str
-) -> None:
-    bag = record(tmp_path / "bag", rows)
-    main(["data", "info", str(bag)])
-    assert line in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
     ("before", "argument"),
     [
         ("", "profiles.any_of(1)[0]"),
@@ -418,19 +382,3 @@ def test_of_a_large_recording_gaps_and_the_first_stamps_are_known(
     findings, messages = found(tmp_path, whole)
     assert findings == [("R2B324", "warning"), _CLOCK]
     assert re.search(r"'scan' was never stamped: its first \d+ stamps are 0", messages)
-
-
-def test_several_recordings_are_looked_at_together(tmp_path: Path) -> None:
-    case = CASES["two machines"]
-    record(tmp_path / "bag", case.rows)
-    early = series("/scan", SCAN, 5, 1e9, start_ns=1)
-    record(tmp_path / "scans", early + [row for row in case.rows if row.topic == "/scan"])
-    record(tmp_path / "images", [row for row in case.rows if row.topic == "/image"])
-    text = first_spec(tmp_path, node(*case.subscriptions)).text
-    text = text.replace("  bag: ./bag", "  bags: [./scans, ./images]")
-    text = text.replace(", clock_ahead: 5 s", "")
-    assert ("R2B324", "warning") in found(tmp_path, text)[0]
-    text = text.replace("  topics:", "  window: {start: 1699999999.999 s}\n  topics:", 1)
-    findings, messages = found(tmp_path, text)
-    assert findings == [("R2B415", "error")]
-    assert "write 'clock_ahead: 5 s'" in messages

@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import signal
-import stat
 import subprocess
 import sys
 import textwrap
@@ -16,15 +15,13 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from data_bags import WINDOW, refusal_of
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.integrity import hash_content, verify
 from r2bspec.bags.recording import SyntheticDataset, TimeWindow
-from r2bspec.datasets.catalogue import DURATION_NS, SEQUENCES, describe, message_times_ns
+from r2bspec.datasets.catalogue import DURATION_NS, describe
 from r2bspec.datasets.synthesis import GENERATOR_VERSION, make
 
 # Datasets are made once, whole or not at all, and always the same.
@@ -115,14 +112,6 @@ def test_is_made_once(small: SyntheticDataset) -> None:
     assert hash_content(small.path) == small.content_sha256
 
 
-def test_holds_only_what_was_asked_for(small: SyntheticDataset) -> None:
-    index = index_bag(small.path)
-    assert sorted(index.topics) == TOPICS
-    times_ns = [message.time_ns - index.start_ns for message in read_messages(small.path, TOPICS)]
-    assert min(times_ns) >= SEVENTY_MS.start_ns
-    assert max(times_ns) < (SEVENTY_MS.end_ns or 0)
-
-
 def test_is_the_same_in_another_process_on_one_processor(
     small: SyntheticDataset, tmp_path: Path
 ) -> None:
@@ -149,18 +138,6 @@ def test_mcap_says_the_same(small: SyntheticDataset, tmp_path: Path) -> None:
     assert index_bag(mcap.path).storage == "mcap"
     assert mcap.content_sha256 == small.content_sha256
     assert hash_content(mcap.path) == small.content_sha256
-
-
-def test_tells_its_progress(tmp_path: Path) -> None:
-    steps: list[tuple[int, int]] = []
-    make(
-        "r2b_storage",
-        IMU,
-        TimeWindow(end_ns=20_000_000),
-        cache_dir=tmp_path,
-        progress=lambda done, total: steps.append((done, total)),
-    )
-    assert steps == [(1, 4), (2, 4), (3, 4), (4, 4)]
 
 
 def test_two_processes_make_it_once(imu: SyntheticDataset, tmp_path: Path) -> None:
@@ -196,14 +173,6 @@ def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
     assert entries(tmp_path) == []
 
 
-def test_a_cache_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    assert (
-        refusal_of(make, "r2b_storage", IMU, SEVENTY_MS, cache_dir=tmp_path / "file" / "cache").code
-        == "R2B311"
-    )
-
-
 @pytest.fixture
 def entry(small: SyntheticDataset, tmp_path: Path) -> Path:
     """A dataset that has been made before, in a cache of the test's own."""
@@ -217,21 +186,6 @@ def test_a_damaged_entry_is_made_anew(small: SyntheticDataset, entry: Path, tmp_
     assert again.content_sha256 == small.content_sha256
     assert entries(tmp_path) == [small.path.name]
     assert verify(again.path) == []
-
-
-def test_a_made_dataset_is_not_for_other_users(tmp_path: Path) -> None:
-    root = tmp_path / "cache" / "datasets"
-    made = make("r2b_storage", IMU, TimeWindow(end_ns=20_000_000), cache_dir=root)
-    assert stat.S_IMODE(made.path.stat().st_mode) == 0o700
-    assert {stat.S_IMODE(each.stat().st_mode) for each in made.path.iterdir()} == {0o600}
-    assert stat.S_IMODE(root.stat().st_mode) == 0o700
-
-
-def test_a_window_may_hold_no_message(tmp_path: Path) -> None:
-    window = TimeWindow(start_ns=1, end_ns=2)
-    made = make("r2b_storage", IMU, window, cache_dir=tmp_path)
-    assert index_bag(made.path).message_count == 0
-    assert verify(made.path) == []
 
 
 # The catalogue describes what will be made, to the byte, without making it.
@@ -249,24 +203,6 @@ def test_sizes_are_exact(storage_room: SyntheticDataset) -> None:
     for message in read_messages(storage_room.path, topics):
         sizes[message.topic].add(len(message.data))
     assert sizes == {name: {info.max_message_bytes} for name, info in topics.items()}
-
-
-WHOLE = [
-    (source, message_times_ns(source, TimeWindow(start_ns=0, end_ns=DURATION_NS)))
-    for source in SEQUENCES["r2b_lounge"].sources
-]
-
-
-@given(
-    st.integers(0, DURATION_NS - 1).flatmap(
-        lambda start: st.tuples(st.just(start), st.integers(start + 1, DURATION_NS))
-    )
-)
-def test_counts_in_a_window_are_those_of_the_whole_inside_it(ends: tuple[int, int]) -> None:
-    window = TimeWindow(start_ns=ends[0], end_ns=ends[1])
-    for source, whole in WHOLE:
-        inside = [time_ns for time_ns in whole if window.contains(time_ns)]
-        assert message_times_ns(source, window) == inside
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import pytest
 
 from command_line import Call
 from r2bspec.doctor import checks
-from r2bspec.doctor.checks import check_ros, probe_imports
+from r2bspec.doctor.checks import check_ros
 from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.extras import install_command
 from r2bspec.middleware.middleware import RMW_VARIABLE
@@ -71,15 +71,6 @@ def test_a_middleware_that_is_not_installed_is_named_with_a_way_out() -> None:
     assert check.advice == f"rmw_absent_cpp is not installed: install it, or unset {RMW_VARIABLE}"
 
 
-def test_a_sourced_workspace_is_named_with_its_base(here: Callable[..., None]) -> None:
-    here(rclpy())
-    check = by_name(ROS_DISTRO="jazzy", AMENT_PREFIX_PATH="/home/me/install:/opt/ros/jazzy")[
-        "distributions"
-    ]
-    assert check.status == "ok"
-    assert check.found == "jazzy sourced from /opt/ros/jazzy and 1 more"
-
-
 def test_two_distributions_at_once_are_warned_of(here: Callable[..., None]) -> None:
     here(rclpy(), wheels=("ros-jazzy-rclpy",))
     check = by_name(ROS_DISTRO="humble", AMENT_PREFIX_PATH="/opt/ros/humble")["distributions"]
@@ -116,24 +107,6 @@ def test_a_variable_that_can_let_discovery_leave_the_host_is_named(
     environ = {"RMW_IMPLEMENTATION": rmw, variable: "x"}
     check = by_name(**environ)["middleware"]
     assert (f"{variable} is set" in check.advice) == told
-
-
-def test_message_packages_that_are_missing_are_named(here: Callable[..., None]) -> None:
-    here(rclpy() | {"stereo_msgs.msg": MISSING})
-    check = by_name()["messages"]
-    assert check.status == "warn"
-    assert check.data["missing"] == ["stereo_msgs"]
-
-
-def test_a_fresh_interpreter_tells_what_it_can_import() -> None:
-    found = probe_imports(
-        System(), "json", "platform:system", "no_such_module", "json:no_such_name"
-    )
-    assert found["json"]["seconds"] > 0
-    assert found["json"]["file"].endswith("__init__.py")
-    assert found["platform:system"]["said"] == "Linux"
-    assert "ModuleNotFoundError" in found["no_such_module"]["error"]
-    assert "AttributeError" in found["json:no_such_name"]["error"]
 
 
 def test_the_command_prints_what_programs_and_people_read(

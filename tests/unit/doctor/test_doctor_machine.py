@@ -10,13 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.doctor.checks import (
-    check_datasets,
-    check_processor,
-    check_shared_memory,
-    check_sockets,
-)
-from r2bspec.doctor.checkup import CheckResult, System, worst_status
+from r2bspec.doctor.checks import check_processor, check_shared_memory, check_sockets
+from r2bspec.doctor.checkup import CheckResult, System
 from r2bspec.middleware.fast_dds import SOCKET_BUFFER_BYTES
 
 Usage = namedtuple("Usage", "total used free")
@@ -34,14 +29,6 @@ def tell(path: Path, text: object) -> None:
 
 def only(checks: list[CheckResult], name: str) -> CheckResult:
     return next(check for check in checks if check.name == name)
-
-
-def test_the_worst_check_is_the_status_of_the_machine() -> None:
-    checks = [CheckResult(topic="t", name=each, status=each, found="") for each in ("ok", "warn")]
-    assert worst_status([]) == "ok"
-    assert worst_status(checks) == "warn"
-    problem = CheckResult(topic="t", name="p", status="problem", found="")
-    assert worst_status([*checks, problem]) == "problem"
 
 
 @pytest.mark.parametrize(
@@ -157,10 +144,3 @@ def test_load_is_what_was_spent_while_the_doctor_slept(
     check = only(check_processor(system, sleep=sleep), "idle load")
     assert check.status == status
     assert check.data == {"busy": pytest.approx(busy), "stolen": pytest.approx(stolen)}
-
-
-def test_a_full_disk_is_told(
-    system: System, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(shutil, "disk_usage", lambda _path: Usage(10**9, 10**9, 0))
-    assert check_datasets(system, tmp_path)[0].status == "warn"

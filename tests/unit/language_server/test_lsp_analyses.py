@@ -110,18 +110,6 @@ def test_what_is_superseded_is_dropped(watched: Watched, tmp_path: Path) -> None
     assert watched.most_at_a_time == 1
 
 
-def test_changes_that_come_together_are_analysed_once(watched: Watched, tmp_path: Path) -> None:
-    file = tmp_path / "one.r2b.yaml"
-
-    async def session() -> None:
-        for number in range(5):
-            watched.server.change(file, example(f"version_{number}"))
-        await watched.idle()
-
-    asyncio.run(session())
-    assert [text for _, text in watched.analysed] == [example("version_4")]
-
-
 def test_an_analysis_that_fails_does_not_end_the_others(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -61,15 +61,6 @@ async def test_snippets(document: OpenDocument, owner: str, label: str, keys: li
     assert [line.split(":")[0].strip() for line in below] == keys
 
 
-async def test_a_snippet_of_a_whole_spec(document: OpenDocument) -> None:
-    """The text in the editor is empty, whatever is on disk."""
-    document.path.write_text(SPEC)
-    items = await document.labels("¦")
-    text = text_edit(items["r2bspec with its keys"]).new_text
-    assert text.startswith("r2bspec: 1\nname: $1\ndata_loader:\n  bag: $2\n")
-    assert "r2bspec" in items
-
-
 async def test_what_is_accepted_replaces_the_word(document: OpenDocument) -> None:
     await document.write(SPEC)
     edit = text_edit((await document.labels(changed("mode: looping", "mo¦")))["mode"])
@@ -84,14 +75,6 @@ async def test_a_map_has_room_for_its_keys(document: OpenDocument) -> None:
     assert text_edit(item).new_text == "d455_1_rgb_image:\n  from: $1\n  format: $2"
     assert item.insert_text_format is types.InsertTextFormat.Snippet
     assert item.insert_text_mode is types.InsertTextMode.AdjustIndentation
-
-
-async def test_keys_that_begin_on_the_line_of_their_map(document: OpenDocument) -> None:
-    """They are written below it, as YAML needs it."""
-    await document.write(SPEC)
-    items = await document.labels(f"{SPEC}transport: ¦\n")
-    assert text_edit(items["segment"]).new_text.startswith("\n  segment:")
-    assert "inherit" in items
 
 
 @pytest.mark.parametrize(("old", "new", "sentences"), rows("said"))
@@ -205,8 +188,3 @@ async def test_all_safe_fixes_at_once(document: OpenDocument) -> None:
     assert fix.kind == types.CodeActionKind.SourceFixAll
     await document.apply(fix.edit)
     assert document.text == SPEC
-
-
-async def test_parameters_are_proposed_beside_a_file(document: OpenDocument) -> None:
-    written = changed("parameters: {gain: 2.0}", "parameters: [./p.yaml, {¦}]")
-    assert "gain" in await document.labels(written)

@@ -49,17 +49,6 @@ def test_shared_memory_holds_several_of_the_largest_message(largest: int) -> Non
     assert segment < 2**32
 
 
-def test_processes_announce_themselves_for_as_long_as_they_live() -> None:
-    # Player and monitor are seconds older than the graph, which has to find them at once.
-    profile = transport_profile("udp", 1_000_000)
-    # It uses no shared memory.
-    assert [*descriptors(profile)] == ["udp"]
-    root = ET.fromstring(profile)  # noqa: S314 - as above
-    period_ns = root.findtext(".//dds:leaseAnnouncement/dds:nanosec", "", NAMESPACE)
-    assert 0 < int(period_ns) <= 500_000_000
-    assert root.find(".//dds:leaseAnnouncement/dds:sec", NAMESPACE) is None
-
-
 @pytest.mark.parametrize("transport", ["shared_memory", "udp"])
 def test_processes_find_each_other_on_this_host_only(transport: str) -> None:
     profile = transport_profile(transport, 1_000_000)

@@ -50,12 +50,6 @@ def test_the_variable_selects_a_middleware(rmw: str, name: str) -> None:
     assert rmw in middleware_of(environ).implementations
 
 
-@pytest.mark.parametrize("environ", [{}, {"RMW_IMPLEMENTATION": ""}])
-def test_where_none_is_selected_ros_loads_fast_dds(environ: dict[str, str]) -> None:
-    assert selected_rmw(environ) == "rmw_fastrtps_cpp"
-    assert middleware_of(environ).name == "Fast DDS"
-
-
 @pytest.fixture
 def other_dds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Middleware]:
     """The middleware of the example for contributors, as one more file of the package."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -53,11 +51,6 @@ def test_projected_points_move_with_the_pixels() -> None:
     assert after[:2] / after[2] == pytest.approx([(u + 0.5) * 0.5 - 0.5, (v + 0.5) * 0.9 - 0.5])
 
 
-def test_a_crop_moves_the_principal_point() -> None:
-    info = camera_info(roi=SimpleNamespace(x_offset=100, y_offset=50, width=640, height=400))
-    assert camera.matrix(info)[:2, 2] == pytest.approx([552.5, 351.0])
-
-
 def test_binning_is_a_resize() -> None:
     binned, resized = camera_info(binning_x=2, binning_y=2), camera_info()
     camera.scale(resized, 0.5, 0.5)
@@ -70,14 +63,6 @@ def test_an_uncalibrated_camera_stays_so_and_is_refused() -> None:
     assert not info.k.any()
     with pytest.raises(ValueError, match="not calibrated"):
         camera.matrix(info)
-
-
-@pytest.mark.parametrize(
-    ("model", "d"),
-    [("plumb_bob", [0.1] * 5), ("rational_polynomial", [0.1] * 8), ("", []), ("", [0.0] * 5)],
-)
-def test_pinhole_distortion_passes(model: str, d: list[float]) -> None:
-    assert camera.distortion(camera_info(distortion_model=model, d=d)).tolist() == d
 
 
 @pytest.mark.parametrize(

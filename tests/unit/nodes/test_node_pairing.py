@@ -8,20 +8,6 @@ from hypothesis import strategies as st
 from r2bspec.nodes.stamp_sets import StampSets
 
 
-def test_a_pair_is_made_once() -> None:
-    pairs = StampSets(("A", "B"), 3)
-    pairs.add("A", 1, "a")
-    pairs.add("B", 1, 10)
-    assert pairs.add("B", 1, 11) is None
-
-
-def test_a_lost_message_leaves_the_others_paired() -> None:
-    pairs = StampSets(("A", "B"), 3)
-    made = [pairs.add("A", stamp, f"image {stamp}") for stamp in (1, 2, 3)]
-    made += [pairs.add("B", stamp, stamp) for stamp in (1, 3)]
-    assert [pair for pair in made if pair] == [("image 1", 1), ("image 3", 3)]
-
-
 def test_the_oldest_waiting_message_is_given_up_first() -> None:
     pairs = StampSets(("A", "B"), 2)
     for stamp in (5, 1, 3):

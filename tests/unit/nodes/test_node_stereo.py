@@ -56,12 +56,6 @@ def test_different_principal_points_shift_every_disparity() -> None:
     assert np.array_equal(shifted, plain - np.float32(2.5))
 
 
-def test_images_of_different_sizes_are_refused() -> None:
-    left, right = pair(5)
-    with pytest.raises(ValueError, match="320x160 pixels, the right one 319x160"):
-        stereo.disparity(stereo.make_matcher(64, 15), left, right[:, 1:].copy())
-
-
 @pytest.mark.parametrize(("range_px", "window_px"), [(64, 15), (32, 9)])
 def test_the_valid_window_is_that_of_opencv(range_px: int, window_px: int) -> None:
     cv2 = pytest.importorskip("cv2")
@@ -98,9 +92,3 @@ def test_points_lie_on_the_rays_of_their_pixels_at_their_depth() -> None:
 def test_colours_are_packed_as_pcl_reads_them(encoding: str, pixel: tuple[int, ...]) -> None:
     pixels = np.array([[pixel]], np.uint8)
     assert stereo.colors(pixels, encoding).tolist() == [[0x010203]]
-
-
-def test_gray_is_a_colour_and_depth_is_none() -> None:
-    assert stereo.colors(np.array([[7]], np.uint8), "mono8").tolist() == [[0x070707]]
-    with pytest.raises(ValueError, match="'32FC1' is not one of"):
-        stereo.colors(np.zeros((1, 1), np.float32), "32FC1")

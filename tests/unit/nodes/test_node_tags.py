@@ -71,36 +71,6 @@ def test_a_tilted_tag_is_where_it_was_rendered(
     assert angle_deg(found.quaternion_xyzw, rotation) < ANGLE_DEG
 
 
-def test_corners_start_top_left_of_the_printed_tag() -> None:
-    image = photograph(
-        cells_of_code(*PUBLISHED["36h11", 0]),
-        rotation_xyz(0, 0, np.pi / 2),
-        np.array([0, 0, 1.0]),
-        0.2,
-    )
-    (found,) = tag_poses.detect(image, CAMERA, NO_DISTORTION, "36h11", 0.2)
-    # A quarter turn clockwise brings the top left corner to the top right.
-    assert found.corners_px[0] == pytest.approx((652 + 64, 351.5 - 64.5), abs=0.5)
-
-
-def test_several_tags_come_by_id_and_then_from_left_to_right() -> None:
-    cells = [cells_of_code(*PUBLISHED["36h11", tag_id]) for tag_id in (1, 0, 1)]
-    scene = np.full((300, 900), 255, np.uint8)
-    for column, one in enumerate(cells):
-        square = np.kron(one, np.full((16, 16), 255)).astype(np.uint8)
-        scene[80 : 80 + 128, 80 + 300 * column : 208 + 300 * column] = square
-    found = tag_poses.detect(scene, CAMERA, NO_DISTORTION, "36h11", SIZE_M)
-    assert [tag.id for tag in found] == [0, 1, 1]
-    assert found[1].corners_px[0][0] < found[2].corners_px[0][0]
-
-
-def test_an_image_without_tags_gives_none() -> None:
-    assert (
-        tag_poses.detect(np.full((90, 160), 128, np.uint8), CAMERA, NO_DISTORTION, "36h11", 1.0)
-        == []
-    )
-
-
 @pytest.mark.parametrize("count", [0, 5, 8])
 def test_exact_corners_give_the_exact_pose_through_a_distorting_lens(count: int) -> None:
     lens = np.array([-0.3, 0.12, 1e-3, -2e-3, 0.01, 0.02, 0.01, -0.01])[:count]
@@ -135,9 +105,3 @@ def test_the_orientation_of_opencvs_dictionary_is_found_out(turns: int) -> None:
     held = np.ascontiguousarray(np.rot90(printed, turns))
     dictionary = cv2.aruco.Dictionary(cv2.aruco.Dictionary.getByteListFromBits(held), 6, 5)
     assert tag_poses.quarter_turns(dictionary, "36h11") == turns
-
-
-def test_unknown_names_are_refused_with_the_known_ones() -> None:
-    image = np.zeros((9, 9), np.uint8)
-    with pytest.raises(ValueError, match="'36h12' is not one of 16h5, 25h9, 36h10, 36h11"):
-        tag_poses.detect(image, CAMERA, NO_DISTORTION, "36h12", 1.0)

@@ -44,17 +44,6 @@ def test_a_cache_to_which_others_can_write_is_not_used(place: str, kept: Path) -
     refused(f"other users can write to {exposed}")
 
 
-def test_a_link_counts_for_what_it_leads_to(kept: Path, tmp_path: Path) -> None:
-    disk = tmp_path / "disks" / "disk"
-    disk.mkdir(mode=0o700, parents=True)
-    disk.parent.chmod(0o755)
-    kept.parent.mkdir(parents=True, mode=0o700)
-    kept.symlink_to(disk)
-    assert cache_folder("kind") == disk
-    disk.chmod(0o777)
-    refused(f"write to {disk}")
-
-
 @pytest.mark.parametrize("named", ["relative", ""])
 def test_a_path_that_is_not_absolute_names_no_cache(
     named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -27,10 +27,6 @@ def state_of(top: Path) -> WorkTreeState:
     return state
 
 
-def test_a_clean_work_tree_has_its_commit_and_no_changes(top: Path) -> None:
-    assert state_of(top) == WorkTreeState(git(top, "rev-parse", "HEAD"), ())
-
-
 def test_changed_deleted_and_staged_files_are_named_and_untracked_ones_are_not(top: Path) -> None:
     (top / "node.py").write_text("a = 2\n")
     (top / "bench" / "spec.yaml").unlink()
@@ -38,23 +34,6 @@ def test_changed_deleted_and_staged_files_are_named_and_untracked_ones_are_not(t
     git(top, "add", "with space.py")
     (top / "untracked.py").write_text("")
     assert state_of(top).changed == ("bench/spec.yaml", "node.py", "with space.py")
-
-
-def test_a_touched_file_has_not_changed_and_the_index_is_not_written(top: Path) -> None:
-    (top / "node.py").touch()
-    before = (top / ".git" / "index").read_bytes()
-    assert state_of(top).changed == ()
-    assert (top / ".git" / "index").read_bytes() == before
-
-
-def test_a_conflict_is_a_change(top: Path) -> None:
-    git(top, "checkout", "-q", "-b", "other")
-    commit(top, {"node.py": "a = 3\n"})
-    git(top, "checkout", "-q", "main")
-    commit(top, {"node.py": "a = 4\n"})
-    with pytest.raises(subprocess.CalledProcessError):
-        git(top, "merge", "other")
-    assert state_of(top).changed == ("node.py",)
 
 
 def test_a_folder_without_a_repository_or_a_commit_has_none(tmp_path: Path) -> None:
@@ -86,13 +65,6 @@ def test_without_git_everything_is_unknown(top: Path, monkeypatch: pytest.Monkey
     assert commit_of(top, "HEAD") is None
 
 
-def test_a_revision_is_looked_up_by_any_of_its_names(top: Path) -> None:
-    name = git(top, "rev-parse", "HEAD")
-    assert commit_of(top, "main") == commit_of(top, name[:10]) == name
-    assert commit_of(top, "--help") is None
-    assert commit_of(top, "HEAD:node.py") is None
-
-
 def test_variables_that_name_another_repository_are_dropped(
     top: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -103,13 +75,6 @@ def test_variables_that_name_another_repository_are_dropped(
     monkeypatch.setenv("GIT_WORK_TREE", str(other))
     monkeypatch.setenv("GIT_INDEX_FILE", str(other / "index"))
     assert state_of(top) == before
-
-
-def test_the_work_tree_that_a_configuration_names_is_not_looked_at(
-    top: Path, tmp_path: Path
-) -> None:
-    git(top, "config", "core.worktree", str(tmp_path / "elsewhere"))
-    assert state_of(top).changed == ()
 
 
 @pytest.fixture
