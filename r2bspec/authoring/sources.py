@@ -27,12 +27,10 @@ from r2bspec.diagnostics import Diagnostic
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.execute.processes.prerequisites import domain_of_user
 from r2bspec.interop.spec_text import Block, identifier, unique_name
-from r2bspec.language.spec import Node
 from r2bspec.language.templates import node_key
 from r2bspec.plan.installed_packages import python_target, top_level_names
-from r2bspec.plan.wiring.companion_files import CompanionReader, read_source
+from r2bspec.plan.wiring.companion_files import read_source
 from r2bspec.plan.wiring.console_scripts import installed_script, source_script
-from r2bspec.plan.wiring.node_interface import InterfaceEntry
 from r2bspec.plan.wiring.parameter_files import read_parameter_file
 from r2bspec.plan.wiring.python_files import read_python_file, source_folder
 from r2bspec.safe_io.private_files import temporary_folder
@@ -210,23 +208,6 @@ def check_node_file(target: str, folder: Path) -> None:
             f"{python.file} has no class or function {python.name!r}",
             hint=f"Its classes: {', '.join(classes) or 'none'}.",
         )
-
-
-def why_no_topics(target: str, folder: Path) -> str:
-    """Return why no topics and services of a node are known.
-
-    Empty if its source or a record has any.
-    """
-    interface, _ = read_source(target, folder)
-    key = node_key(target, interface.name)
-    recorded = CompanionReader(folder).usable_interface(key, Node(python=target))
-    for known in (interface, recorded):
-        if isinstance(known, InterfaceEntry) and (
-            known.publishes or known.subscribes or any(known.services.values())
-        ):
-            return ""
-    more = interface.may_publish_more or interface.may_subscribe_more
-    return more or "its source has no publisher and no subscription"
 
 
 def _recording(bag: str, folder: Path) -> DraftRecording:

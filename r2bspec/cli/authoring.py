@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from r2bspec.cli import shared_options as options
 from r2bspec.cli.completion import complete_template
 from r2bspec.cli.text_output import print_findings, show_findings
-from r2bspec.diagnostics import Diagnostic, did_you_mean
+from r2bspec.diagnostics import did_you_mean
 from r2bspec.diagnostics.plain_text import message_text
 from r2bspec.diagnostics.quote import quote
 from r2bspec.errors import ExitStatus, R2bspecError, UsageError
@@ -21,6 +22,7 @@ from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
+    from r2bspec.authoring.sources import FirstSpec
     from r2bspec.language.spec import Spec
 
 _DEFAULT_NAME = "my_benchmark"
@@ -153,26 +155,17 @@ def init_command(
     is_default = chosen is click.core.ParameterSource.DEFAULT
     arguments = _launch_arguments(launch_arguments)
 
-    def drafted() -> _Drafted:
-        why_no_topics = ""
-        if has_sources or node:
-            from r2bspec.authoring import sources
+    def drafted() -> FirstSpec:
+        from r2bspec.authoring import sources
 
-            folder = spec_file.parent
-            if node:
-                sources.check_node_file(node, folder)
-            if node and not has_sources:
-                why_no_topics = sources.why_no_topics(node, folder)
-            if has_sources or parameter_file or (is_default and not why_no_topics):
-                given = sources.InitSources(
-                    bag, launch, arguments, graph, node, parameter_file, timeout_s
-                )
-                first = sources.spec_from_sources(benchmark, folder, given)
-                text = filled(first.text, None, schema)
-                lacks_topics = first.lacks_topics or bool(why_no_topics)
-                return _Drafted(text, first.findings, lacks_topics, why_no_topics)
-        text = filled(with_node(templates()[template], node), benchmark, schema)
-        return _Drafted(text, (), bool(why_no_topics), why_no_topics)
+        if node:
+            sources.check_node_file(node, spec_file.parent)
+        if not (has_sources or (node and (is_default or parameter_file))):
+            text = with_node(templates()[template], node)
+            return sources.FirstSpec(filled(text, benchmark, schema))
+        given = sources.InitSources(bag, launch, arguments, graph, node, parameter_file, timeout_s)
+        first = sources.spec_from_sources(benchmark, spec_file.parent, given)
+        return replace(first, text=filled(first.text, None, schema))
 
     first = drafted()
     failed = 0
@@ -183,9 +176,6 @@ def init_command(
         first = drafted()
     _write_new({spec_file: first.text})
     print_findings("text", first.findings, {}, (), err=True)
-    if first.why_no_topics:
-        echo(f"The topics of {node} are not known, so 'input' and 'output' stand for them:")
-        echo(f"  {first.why_no_topics}")
     echo(f"created {spec_file}. Next:")
     if not probe and node and first.lacks_topics:
         echo(f"  rm {spec_file}, and this 'init' again with --probe, which starts {node}")
@@ -195,22 +185,6 @@ def init_command(
     )
     echo(f"  r2bspec run {spec_file}         runs it and {judges}")
     return ExitStatus.RUN_FAILED if failed else ExitStatus.OK
-
-
-class _Drafted(NamedTuple):
-    """The spec that ``init`` writes.
-
-    Attributes:
-        text: of the spec.
-        findings: about its sources.
-        lacks_topics: whether not all topics of its nodes are known.
-        why_no_topics: why no topics of the node are known; empty if some are.
-    """
-
-    text: str
-    findings: tuple[Diagnostic, ...]
-    lacks_topics: bool
-    why_no_topics: str
 
 
 def _draft_spec(text: str, spec_file: Path) -> Spec:

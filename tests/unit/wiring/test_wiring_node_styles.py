@@ -113,10 +113,9 @@ def test_a_node_of_which_nothing_is_known_is_said_to_be_so(
     (tmp_path / "nodes" / "relay.py").write_text("class Relay: pass\n")
     (tmp_path / "bench").mkdir()
     assert main(["init", str(tmp_path / "bench/own"), "--node", "nodes/relay.py:Relay"]) == 0
-    assert (
-        "'input' and 'output' stand for them:\n  ../nodes/relay.py is not read: it is in no git"
-        in (capsys.readouterr().out)
-    )
+    assert "this 'init' again with --probe" in capsys.readouterr().out
+    text = (tmp_path / "bench/own.r2b.yaml").read_text()
+    assert "whether relay publishes other topics: ../nodes/relay.py is not read: it is in" in text
 
 
 def test_the_function_of_an_installed_script_is_known(tmp_path: Path) -> None:
