@@ -49,40 +49,12 @@ def snippet_text(body: Mapping[str, Any]) -> str:
     return _PLACEHOLDER.sub(r"$\1", text.rstrip("\n"))
 
 
-def key_snippet(key: str, rule: ValueRule) -> str:
-    """Return a key with room for its value below it.
-
-    Empty if the value follows on the same line.
-
-    Args:
-        key: the key.
-        rule: of its value. Required keys of a map are there already, with room for
-            their values, unless these are maps or lists.
-    """
-    items = rule.items
-    in_lines = items is not None and (items.is_parsed or items.kinds == ("object",))
-    if rule.kinds == ("array",) and in_lines:
-        return f"{key}:\n{_STEP}- $0"
-    if rule.kinds != ("object",):
-        return ""
-    keys = rule.keys or {}
-    if not rule.required or any(_is_collection(keys[name]) for name in rule.required):
-        return f"{key}:\n{_STEP}$0"
-    stops = (f"{_STEP}{name}: ${index}" for index, name in enumerate(rule.required, 1))
-    return "\n".join([f"{key}:", *stops])
-
-
-def _is_collection(rule: ValueRule) -> bool:
-    return not {"object", "array"}.isdisjoint(rule.kinds)
-
-
 TRIGGERS: Final = (" ", ".", "/", "(", "[", ":", "-")
 """Characters after which an editor asks by itself."""
 
 _REFERENCE: Final = re.compile(r"\$\(\s*(?P<kind>var|env)?\s*(?P<name>\w*)\Z")
 _WAIVER: Final = re.compile(r"#\s*r2bspec\s*:\s*ignore\s*\[(?:[^\]]*,)?\s*(?P<code>[\w-]*)\Z")
 _BLOCK: Final = re.compile(r"(?P<indent>\s*)(?P<items>(?:-\s+)*)\Z")
-_AFTER_KEY: Final = re.compile(r"(?P<indent>\s*)(?P<items>(?:-\s+)*)[^\s\[{][^\[{]*:\s*\Z")
 
 
 def complete(
@@ -119,9 +91,10 @@ def complete(
         return _items(_keys(analysis, context, where), where)
     values = _items(proposed_values(analysis, context), where)
     rule = rule_at(context.path)
-    if rule is not None and "object" in rule.kinds and not context.before.strip():
+    is_map = rule is not None and "object" in rule.kinds
+    if is_map and where.is_block and not context.before.strip():
         # A map that has no key yet: the word will be its first key.
-        values += _items(_first_keys(analysis, context, where), where)
+        values += _items(_keys(analysis, context, where), where)
     return values
 
 
@@ -146,17 +119,12 @@ class _Insertion:
         """Whether the word begins an entry on a line of its own."""
         return _BLOCK.match(self.before) is not None
 
-    @property
-    def is_after_key(self) -> bool:
-        """Whether the word is on the line of the key whose value it is."""
-        return _AFTER_KEY.match(self.before) is not None
-
     def indented(self, text: str) -> str:
         """Return a text with its further lines inside the items of a list.
 
         The editor indents them like the first.
         """
-        match = _BLOCK.match(self.before) or _AFTER_KEY.match(self.before)
+        match = _BLOCK.match(self.before)
         if match is None:
             return text
         return text.replace("\n", f"\n{' ' * len(match['items'])}")
@@ -174,29 +142,12 @@ def _keys(
             yield _with_room(key, context) if is_block else key
 
 
-def _first_keys(
-    analysis: Analysis | None, context: CursorContext, where: _Insertion
-) -> Iterator[CompletionProposal]:
-    """Yield the keys of a map that has none yet; on a line of their own, as YAML needs it."""
-    if not where.is_after_key:
-        yield from _keys(analysis, context, where)
-    elif where.snippets:
-        own_line = replace(where, before="")
-        for key in _keys(analysis, context, own_line):
-            text = f"\n{key.insert or key.label}".replace("\n", f"\n{_STEP}")
-            yield replace(key, insert=text if key.is_snippet else _plain(text), is_snippet=True)
-
-
-def _plain(text: str) -> str:
-    """Return a text without placeholders, as one with them."""
-    return re.sub(r"[\\$}]", r"\\\g<0>", text)
-
-
 def _with_room(each: CompletionProposal, context: CursorContext) -> CompletionProposal:
-    """Return a key with room for its map or its list below it."""
+    """Return a key with room for its map below it."""
     rule = rule_at((*context.path, each.label))
-    text = key_snippet(each.label, rule) if rule is not None and not each.is_snippet else ""
-    return replace(each, insert=text, is_snippet=True) if text else each
+    if each.is_snippet or rule is None or rule.kinds != ("object",):
+        return each
+    return replace(each, insert=f"{each.label}:\n{_STEP}$0", is_snippet=True)
 
 
 def _schema_keys(context: CursorContext) -> Iterator[CompletionProposal]:

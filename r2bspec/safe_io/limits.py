@@ -20,8 +20,6 @@ MAX_YAML_VALUES: Final = 400_000
 """Written in one document."""
 MAX_YAML_EXPANDED_VALUES: Final = 200_000
 """Inserted by aliases and merge keys."""
-MAX_NUMBER_CHARACTERS: Final = 1_000
-"""Longer ones take quadratic time to convert."""
 MAX_INTEGER_CHARACTERS: Final = 25
 """Of any integer within 64 bits, with prefix and sign."""
 MAX_QUANTITY_CHARACTERS: Final = 40

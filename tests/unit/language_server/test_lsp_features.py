@@ -72,7 +72,7 @@ async def test_a_map_has_room_for_its_keys(document: OpenDocument) -> None:
     await document.write(SPEC)
     items = await document.labels(changed("    image: {from", "    ¦\n    image: {from"))
     item = items["d455_1_rgb_image"]
-    assert text_edit(item).new_text == "d455_1_rgb_image:\n  from: $1\n  format: $2"
+    assert text_edit(item).new_text == "d455_1_rgb_image:\n  $0"
     assert item.insert_text_format is types.InsertTextFormat.Snippet
     assert item.insert_text_mode is types.InsertTextMode.AdjustIndentation
 

@@ -157,15 +157,17 @@ def test_what_exceeds_a_limit_is_refused_with_its_line(
     assert str(refused.value) == reason
 
 
-@pytest.mark.parametrize("value", ["9" * 5000, ":".join(["59"] * 2000), "-0x" + "f" * 5000])
-def test_a_number_that_takes_long_to_convert_is_refused(value: str) -> None:
-    with pytest.raises(RefusedYamlError, match="more than 1,000 characters"):
-        load_values(f"a: {value}")
-    assert load_values(f"a: '{value}'") == {"a": value}
-
-
 @pytest.mark.parametrize(
-    "text", ["a: 2024-99-99", "{[]: 1}", "a: [", "a: *none", "a: !!python/name:os.system", "\0"]
+    "text",
+    [
+        "a: 2024-99-99",
+        "{[]: 1}",
+        "a: [",
+        "a: *none",
+        f"a: {'9' * 5000}",
+        "a: !!python/name:os.system",
+        "\0",
+    ],
 )
 def test_everything_else_is_an_error_of_yaml(text: str) -> None:
     with pytest.raises(yaml.YAMLError):
