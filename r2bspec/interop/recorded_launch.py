@@ -34,8 +34,6 @@ _KEYWORDS: Final = frozenset(
 )
 """The keywords of processes and components that are read, or that are no matter of a spec."""
 _NOTHING: Final = frozenset({"LogInfo", "Log", "ReadyToTest", "Shutdown"})
-_STATES: Final = {"configure": "inactive", "1": "inactive", "activate": "active", "3": "active"}
-"""What a transition of lifecycle_msgs leads to, by its name or number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,15 +60,13 @@ class LaunchRecorder:
         self.containers: list[ContainerAction] = []
         self.includes: list[IncludeAction] = []
         self.arguments: dict[str, str | None] = {}
-        self._made: list[tuple[Recorded, NodeAction | ContainerAction]] = []
+        self._made: list[tuple[Recorded, ContainerAction]] = []
         self._targets: list[tuple[NodeAction, Any]] = []
-        self._transitions: list[tuple[Recorded, Any, str]] = []
 
     def perform_all(self, actions: Any) -> None:
         """Perform the actions of a file."""
         self._visit_all(actions, _Scope())
         self._place_components()
-        self._change_states()
 
     def _visit_all(self, actions: Any, scope: _Scope) -> _Scope:
         for action in listed(actions):
@@ -142,41 +138,15 @@ class LaunchRecorder:
         self._change("the delay of a TimerAction is left out: readiness is observed", action)
         return self._visit_all(action._get("actions"), scope)
 
-    def _handler(self, action: Recorded, scope: _Scope) -> _Scope:
-        """Follow the transitions of lifecycle nodes; what else handlers start is lost."""
-        event = action._get("event_handler", 0)
-        kind = event._kind if isinstance(event, Recorded) else ""
+    def _event(self, action: Recorded, _: _Scope) -> None:
+        """Note what an event handler starts, or what happens at an event."""
+        event = action._get("event_handler", 0, action._get("event"))
         keywords = event._kwargs if isinstance(event, Recorded) else {}
         starts = [*listed(keywords.get("entities")), *listed(keywords.get("on_exit"))]
-        if kind == "OnStateTransition" and all(map(_is_quiet_or_change, starts)):
-            return self._visit_all(starts, scope)
-        if starts and all(map(_is_quiet, starts)):
-            self._change("what an event handler does is left out: it starts nothing", action)
+        if _is_quiet(event) or (starts and all(map(_is_quiet, starts))):
+            self._change("what happens at an event is left out: it starts nothing", action)
         else:
-            self._lose("what an event handler starts is left out", action)
-        return scope
-
-    def _event(self, action: Recorded, _: _Scope) -> None:
-        change = action._get("event", 0)
-        if isinstance(change, Recorded) and change._kind == "ChangeState":
-            matcher = change._get("lifecycle_node_matcher", 0)
-            node = matcher._get("action", 0) if isinstance(matcher, Recorded) else None
-            transition = change._get("transition_id", 1)
-            name = transition._name if isinstance(transition, Recorded) else str(transition)
-            self._transitions.append((action, node, name.rpartition("_")[2].lower()))
-        elif not _is_quiet(action):
-            self._lose("an event that the launch file sends", action)
-
-    def _change_states(self) -> None:
-        """Give lifecycle nodes the state into which the file brings them."""
-        for action, target, transition in self._transitions:
-            state = _STATES.get(transition)
-            nodes = [node for source, node in self._made if source is target]
-            if state is None or not nodes:
-                self._lose("a transition of a lifecycle node is not known", action)
-            for node in nodes:
-                if isinstance(node, NodeAction) and node.lifecycle != "active":
-                    node.lifecycle = state or ""
+            self._lose("what happens at an event is left out", action)
 
     def _description(self, action: Recorded, scope: _Scope) -> _Scope:
         scope = self._visit_all(action._get("initial_entities", 0), scope)
@@ -220,7 +190,6 @@ class LaunchRecorder:
         is_autostarted = perform(action._get("autostart")).lower() in {"true", "1"}
         node.lifecycle = "active" if is_autostarted else ""
         self.nodes.append(node)
-        self._made.append((action, node))
 
     def _program(self, action: Recorded, scope: _Scope) -> None:
         command = [perform(word) for word in listed(action._get("cmd", 0))]
@@ -386,7 +355,7 @@ _ACTIONS: Final[dict[str, Callable[[LaunchRecorder, Recorded, _Scope], _Scope | 
     "GroupAction": LaunchRecorder._group,
     "OpaqueFunction": LaunchRecorder._opaque,
     "TimerAction": LaunchRecorder._timer,
-    "RegisterEventHandler": LaunchRecorder._handler,
+    "RegisterEventHandler": LaunchRecorder._event,
     "EmitEvent": LaunchRecorder._event,
     "LaunchDescription": LaunchRecorder._description,
     "PushRosNamespace": LaunchRecorder._set,
@@ -454,12 +423,6 @@ def _is_quiet(action: Any) -> bool:
     if isinstance(action, Recorded) and action._kind == "EmitEvent":
         action = action._get("event", 0)
     return isinstance(action, Recorded) and action._kind in _NOTHING
-
-
-def _is_quiet_or_change(action: Any) -> bool:
-    event = action._get("event", 0) if isinstance(action, Recorded) else None
-    is_change = isinstance(event, Recorded) and event._kind == "ChangeState"
-    return is_change or _is_quiet(action)
 
 
 def _absolute(namespace: str) -> str:
