@@ -68,8 +68,6 @@ class Figures:
     received_p99: float
     taken_p50: float
     taken_p99: float
-    late_p50: float
-    late_p99: float
     cpu_ms: float
     sent: float
     lost: float
@@ -85,11 +83,9 @@ def figures(playback: Any, monitor: Any, spent_ns: int) -> Figures:
     """
     _, sent, got = np.intersect1d(playback["stamp_ns"], monitor["stamp_ns"], return_indices=True)
     published = playback["published_ns"][sent]
-    late = playback["published_ns"] - playback["due_ns"]
     return Figures(
         *_percentiles(monitor["received_ns"][got] - published),
         *_percentiles(monitor["taken_ns"][got] - published),
-        *_percentiles(late),
         cpu_ms=spent_ns / 1e6 / max(1, playback.size),
         sent=float(playback.size),
         lost=float(playback.size - sent.size),

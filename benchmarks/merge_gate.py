@@ -1,12 +1,11 @@
 """What the merge gate makes of pull requests beside busy programs.
 
-    python benchmarks/merge_gate.py [--count 10] [--busy 0 2 3] [--node python c] \\
-        [--write docs/gate.md]
+    python benchmarks/merge_gate.py [--count 10] [--busy 0 2 3] [--node python c]
 
 Each pull request changes a node that computes for each image: its loop is 15 % longer, or as long
 as before. `r2bspec gate` compares it with the branch it left, beside programs that keep a processor
-busy each. Prints Markdown, and with ``--write`` puts it in its place on a page; asserts nothing.
-Ten of each kind take about ten minutes for each number of busy programs and each node.
+busy. Prints Markdown, of which docs/gate.md has a part; asserts nothing. Ten of each kind take
+about ten minutes for each number of busy programs and each node.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from measuring import machine, options, show_section, table, tell
+from measuring import machine, options, show, table, tell
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests/support"))
 
@@ -64,7 +63,6 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=10, help="pull requests of each kind")
     parser.add_argument("--busy", type=int, nargs="+", default=[0, 2, 3], help="busy programs")
     parser.add_argument("--node", choices=STEPS, nargs="+", default=["python"])
-    parser.add_argument("--write", type=Path, help="the page to put the table into")
     given = parser.parse_args()
     head = (
         "node",
@@ -74,9 +72,8 @@ def main() -> None:
         "starts",
         "time: median, longest",
     )
-    lines = [f"{machine()}; {given.count} pull requests of each kind.", ""]
-    lines += table(head, list(_rows(given)))
-    show_section(given.write, "pull requests", lines)
+    show(f"{machine()}; {given.count} pull requests of each kind.", "")
+    show(*table(head, list(_rows(given))))
 
 
 def _rows(given: argparse.Namespace) -> Iterator[list[str]]:

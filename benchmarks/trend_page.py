@@ -1,6 +1,6 @@
 """What `r2bspec trend` costs: pages of 100 and of 1,000 results of 20 metrics.
 
-``python benchmarks/trend_page.py`` prints the table of docs/performance.md: the processor
+``python benchmarks/trend_page.py`` prints the figures of docs/performance.md: the processor
 time, to which other programs add little.
 """
 

@@ -1,9 +1,9 @@
 """What `r2bspec validate` costs beside check-jsonschema, cold and in bulk.
 
-``python benchmarks/validate_speed.py`` prints the table of docs/performance.md: processor time, the
-least of several runs by turns, because other programs only add to it. check-jsonschema checks the
-structure alone, by the published schema; `validate` also reads nodes and recordings, and applies
-every rule.
+``python benchmarks/validate_speed.py`` prints the figures of docs/performance.md: processor time,
+the least of several runs by turns, because other programs only add to it. check-jsonschema checks
+the structure alone, by the published schema; `validate` also reads nodes and recordings, and
+applies every rule.
 """
 
 from __future__ import annotations
