@@ -13,10 +13,11 @@ import os
 import posixpath
 from collections.abc import Iterable
 from pathlib import Path as FilePath
+from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from r2bspec.diagnostics import Related, Span
+from r2bspec.diagnostics import Related
 from r2bspec.diagnostics.quote import quote
 from r2bspec.language import located_tree as tree
 from r2bspec.language.declaration import ValueRule, language
@@ -91,25 +92,23 @@ def extend_files(document: Document, allowed: Iterable[FilePath] = ()) -> None:
     root = document.tree
     if isinstance(root, tree.MapNode) and KEY in root.entries:
         home = document.base_dir.resolve()
-        chain = _Chain(document, home, tuple(allowed), [home / FilePath(document.file).name])
+        folders = [folder.resolve() for folder in readable_folders(home, allowed)]
+        chain = _Chain(document, folders, [home / FilePath(document.file).name])
         document.tree = chain.merge(root, document.file, ())
 
 
-class _Chain:
-    """Files of which each extends the next; `files` are the real paths of those met so far."""
+class _Chain(NamedTuple):
+    """Files of which each extends the next.
 
-    def __init__(
-        self,
-        document: Document,
-        home: FilePath,
-        allowed: tuple[FilePath, ...],
-        files: list[FilePath],
-    ) -> None:
-        self._document = document
-        self._home = home
-        self._problems = document.problems
-        self._allowed = allowed
-        self._files = files
+    Attributes:
+        document: the first of them.
+        folders: where files may be read.
+        files: the real paths of those met so far.
+    """
+
+    document: Document
+    folders: list[FilePath]
+    files: list[FilePath]
 
     def merge(self, root: tree.MapNode, file: str, trace: tuple[Related, ...]) -> tree.MapNode:
         """Return the map of a file over what it extends; `trace` are the places that led to it."""
@@ -117,96 +116,57 @@ class _Chain:
         if not isinstance(node, tree.ScalarNode) or not isinstance(node.value, str):
             return root  # reported by the schema
         own = tree.without(root, KEY)
-        base = self._base(node, node.value, file, trace)
-        if base is None:
-            self._document.is_incomplete = True
+        folder = posixpath.dirname(file.replace(os.sep, "/"))
+        below = posixpath.normpath(posixpath.join(folder, node.value))
+        if problem := self._problem(node.value, FilePath(folder), below):
+            self.document.problems.error(*problem[:2], node.span, problem[2], related=trace)
+            self.document.is_incomplete = True
             return own
-        return overlay(base, own)
+        trace = (Related(f"{quote(node.value)} is extended here", node.span), *trace)
+        self.files.append(FilePath(below).resolve())
+        self.document.origins.files.setdefault(below, trace)
+        base = self._compose_file(node, below)
+        if base is None:
+            self.document.is_incomplete = True
+            return own
+        base = self.merge(base, below, trace) if KEY in base.entries else base
+        moved = posixpath.dirname(posixpath.normpath(node.value))
+        done = rebase_paths(base, language(), moved) if moved else base
+        return overlay(done, own) if isinstance(done, tree.MapNode) else own
 
-    def _base(
-        self, node: tree.ScalarNode, text: str, extending: str, trace: tuple[Related, ...]
-    ) -> tree.MapNode | None:
+    def _problem(self, text: str, folder: FilePath, file: str) -> tuple[str, str, str] | None:
+        """Return code, message and help if a file cannot be extended; None if it can be read."""
         if OPENING in text:
-            self._problems.error(
-                "R2B125",
-                "references are not supported in 'extends'",
-                node.span,
-                "write the file name: files are merged before variables are known",
-            )
-            return None
-        folder = posixpath.dirname(extending.replace(os.sep, "/"))
-        file = posixpath.normpath(posixpath.join(folder, text))
-        real = self._readable_path(node, FilePath(folder), text)
-        if real is None:
-            return None
-        if real in self._files:
-            message, help_text = (
-                f"{quote(text)} extends itself",
-                "remove one 'extends' of this cycle",
-            )
-            self._problems.error("R2B135", message, node.span, help_text, related=trace)
-            return None
-        trace = (Related(f"{quote(text)} is extended here", node.span), *trace)
-        if len(self._files) > limits.MAX_EXTENDS_DEPTH:
-            message = f"'extends' reads more than {limits.MAX_EXTENDS_DEPTH} levels"
-            self._problems.error("R2B135", message, node.span, "merge some files", related=trace)
-            return None
-        self._files.append(real)
-        self._document.origins.files.setdefault(file, trace)
-        below = self._compose_file(node, file)
-        if below is None:
-            return None
-        whole = self.merge(below, file, trace) if KEY in below.entries else below
-        moved = posixpath.dirname(posixpath.normpath(text))
-        done = rebase_paths(whole, language(), moved) if moved else whole
-        return done if isinstance(done, tree.MapNode) else None
-
-    def _readable_path(self, node: tree.ScalarNode, folder: FilePath, text: str) -> FilePath | None:
-        """Return the real path of a file that may be read.
-
-        None if the reason why not is reported.
-        """
-        path = FilePath(os.path.normpath(folder / text))
+            help_text = "write the file name: files are merged before variables are known"
+            return "R2B125", "references are not supported in 'extends'", help_text
         try:
-            real = path.resolve()
-            # The configuration of a repository may have a token.
-            inside = ".git" not in real.parts and any(
-                real.is_relative_to(folder.resolve())
-                for folder in readable_folders(self._home, self._allowed)
-            )
-            there = inside and is_regular(path)
+            real = FilePath(file).resolve()
+            there = is_regular(FilePath(file))
         except (OSError, ValueError, RuntimeError):
-            inside, there, real = True, False, path
-        if not inside:
-            self._problems.error(
-                "R2B134",
-                f"{quote(text)} is outside of the folder of this spec",
-                node.span,
-                "copy it into that folder, or keep both in one work tree of git",
-            )
-        elif not there:
-            message = f"file not found: {quote(text)}"
+            real, there = self.folders[0], False
+        # The configuration of a repository may have a token.
+        if ".git" in real.parts or not any(real.is_relative_to(place) for place in self.folders):
+            help_text = "copy it into that folder, or keep both in one work tree of git"
+            return "R2B134", f"{quote(text)} is outside of the folder of this spec", help_text
+        if not there:
             help_text = near_path(text, folder) or "paths are relative to this file"
-            self._problems.error("R2B133", message, node.span, help_text)
-        else:
-            return real
+            return "R2B133", f"file not found: {quote(text)}", help_text
+        if real in self.files or len(self.files) > limits.MAX_EXTENDS_DEPTH:
+            message = f"{quote(text)} extends itself, or the chain of files is too long"
+            return "R2B135", message, "remove one 'extends' of this cycle"
         return None
 
     def _compose_file(self, node: tree.ScalarNode, file: str) -> tree.MapNode | None:
-        source = read_file(FilePath(file), self._allowed)
-        self._document.sources[file] = source
+        source = read_file(FilePath(file), self.folders)
+        self.document.sources[file] = source
         composed = compose(source)
-        self._problems.diagnostics += [
-            problem for problem in composed.diagnostics if problem not in self._problems.diagnostics
+        problems = self.document.problems
+        problems.diagnostics += [
+            problem for problem in composed.diagnostics if problem not in problems.diagnostics
         ]
         if isinstance(composed.tree, tree.MapNode):
             return composed.tree
         if composed.tree is not None:
-            self._problems.error(
-                "R2B133",
-                f"{quote(posixpath.basename(file))} cannot be extended: it is not a map",
-                node.span,
-                "the file needs the keys of a spec",
-                related=(Related("the content of the file", Span.of_file(file)),),
-            )
+            message = f"{quote(posixpath.basename(file))} cannot be extended: it is not a map"
+            problems.error("R2B133", message, node.span, "the file needs the keys of a spec")
         return None

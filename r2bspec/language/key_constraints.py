@@ -12,26 +12,16 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from r2bspec.diagnostics import Diagnostic, Path, Related, Span, format_path
-from r2bspec.diagnostics.quote import unknown_name_help
+from r2bspec.diagnostics.quote import join_words, unknown_name_help
 from r2bspec.language import located_tree as tree
-from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, Refusal, kinds_help, members
+from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, kinds_text
 from r2bspec.language.quantities import QuantityError, Rate, Share
 from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK, MAX_DROPOUT
 from r2bspec.language.spec_graph import PROCESS_KEYS
-from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS, MAX_RANGE_RATES, MAX_REQUIREMENTS
-
-_PROBES: Final = {
-    "ready": ("file", "service", "log", "topic"),
-    "after_ready": ("command", "service"),
-}
-"""The keys of which each entry of a section has exactly one."""
+from r2bspec.safe_io.limits import MAX_RANGE_RATES
 
 _NODE_MAPS: Final[tuple[Path, ...]] = (("preprocessors",), ("graph", "nodes"))
-_GROUPS: Final = {key: kind.group for kind in NODE_KINDS for key in kind.keys}
 _INTRA_PROCESS: Final = "use_intra_process_comms"
-_KIND_HELP: Final = f"use one of {kinds_help()}"
-_NOT_STARTED: Final = Refusal("r2bspec does not start its processes")
-_SHARED: Final = Refusal("it shares its process with other nodes", "move it to the container")
 
 
 def key_constraint_errors(
@@ -49,27 +39,12 @@ def key_constraint_errors(
     for section in _NODE_MAPS:
         for path, node in document.entries(section):
             yield from _node(document, node, path)
-            yield from _policies(document, path)
             yield from _launch(document, (*path, "launch"))
-    for path, _ in document.entries(("containers",)):
-        yield from _policies(document, path)
-        if document.word(*path, "executable") == "python":
-            why = ": a container of Python nodes has no arguments"
-            yield from document.without_effect([(*path, "arguments")], why, "remove '{key}'")
-    yield from _bags(document)
-    for name, keys in _PROBES.items():
-        listed = ", ".join(f"'{key}'" for key in keys[:-1]) + f" or '{keys[-1]}'"
-        for path, _ in document.entries((name,)):
-            yield from document.one_of(
-                path, keys, "R2B118", f"one of {listed}", f"add one of {listed}", "only "
-            )
-    yield from _playback(document)
-    yield from _harness(document)
-    yield from _uncounted_outputs(document)
-    yield from _transport(document)
-    yield from _benchmark(document)
-    yield from _conditions(document)
-    yield from _requirements(document)
+    yield from _single_keys(document)
+    for paths, why, instead in _keys_without_effect(document):
+        yield from document.without_effect(paths, why, instead)
+    for check in (_policies, _arrivals, _calls, _own_rates, _network, _benchmark, _names):
+        yield from check(document)
 
 
 class _Document:
@@ -79,10 +54,9 @@ class _Document:
         self.root = root
         self.misspelt = misspelt
 
-    def map_at(self, *path: str | int) -> tree.MapNode | None:
-        """Return the map at a path, or None."""
-        node = tree.lookup(self.root, path)
-        return node if isinstance(node, tree.MapNode) else None
+    def has_map(self, *path: str | int) -> bool:
+        """Return whether there is a map at a path."""
+        return isinstance(tree.lookup(self.root, path), tree.MapNode)
 
     def keys(self, *path: str | int) -> Sequence[str]:
         """Return the keys of the map at a path; none if there is no map."""
@@ -108,10 +82,9 @@ class _Document:
 
     def rate(self, *path: str | int) -> Rate | None:
         """Return the rate at a path, or None."""
-        try:
+        with contextlib.suppress(QuantityError):
             return Rate.parse(self.word(*path))
-        except QuantityError:
-            return None
+        return None
 
     def error(
         self,
@@ -127,106 +100,60 @@ class _Document:
         place = span or tree.span_at(self.root, path, key=True)
         return Diagnostic.error(code, message, place, help_text, path=path, related=related)
 
-    def both(self, path: Path, keys: Sequence[str], help_text: str, code: str) -> Diagnostic:
-        """Return an error for the second of two keys that exclude each other."""
-        first, second = keys[:2]
-        message = f"'{format_path(path)}' has both '{first}' and '{second}'"
-        other = Related("the other key", tree.span_at(self.root, (*path, first), key=True))
-        return self.error((*path, second), message, help_text, code, related=(other,))
-
-    def one_of(
-        self, path: Path, keys: Sequence[str], code: str, needs: str, help_text: str, only: str = ""
-    ) -> Iterator[Diagnostic]:
+    def one_of(self, path: Path, keys: Sequence[str], code: str) -> Iterator[Diagnostic]:
         """Yield an error unless the map at a path has exactly one of some keys."""
         given = [key for key in self.keys(*path) if key in keys]
+        listed = join_words([f"'{key}'" for key in keys])
         if len(given) > 1:
-            keep = f"keep {only}{needs}" if only else "keep one of them"
-            yield self.both(path, given, keep, code)
+            first, second = given[:2]
+            message = f"'{format_path(path)}' has both '{first}' and '{second}'"
+            other = Related("the other key", tree.span_at(self.root, (*path, first), key=True))
+            yield self.error((*path, second), message, "keep one of them", code, related=(other,))
         elif not given and path not in self.misspelt:
             node = tree.lookup(self.root, path)
             span = node.span if node is not None and code == "R2B118" else None
-            message = f"'{format_path(path)}' needs {needs}"
-            yield self.error(path, message, help_text, code, span=span)
+            message = f"'{format_path(path)}' needs {listed}"
+            yield self.error(path, message, f"add {listed}", code, span=span)
 
     def without_effect(
-        self, paths: Iterable[Path], why: str, help_text: str
+        self, paths: Iterable[Path], why: str, instead: str = ""
     ) -> Iterator[Diagnostic]:
-        """Yield an error for each of some keys that is written.
-
-        ``{key}`` in the help is the key.
-        """
+        """Yield an error for each of some keys that is written."""
         for path in paths:
             if tree.lookup(self.root, path) is not None:
                 message = f"'{format_path(path)}' has no effect{why}"
-                yield self.error(path, message, help_text.format(key=path[-1]))
+                help_text = f"remove '{path[-1]}'" + (f", or {instead}" if instead else "")
+                yield self.error(path, message, help_text)
 
 
 def _node(document: _Document, node: tree.MapNode, path: Path) -> Iterator[Diagnostic]:
-    """Yield the keys of one kind, and none that the kind refuses."""
+    """Yield what is wrong with the keys of a kind, and those that the kind refuses."""
     given = [key for key in node.entries if key in NODE_KIND_KEYS and not _is_false(node, key)]
     name = f"'{format_path(path)}'"
-    first_of: dict[str, str] = {}
-    for key in given:
-        first_of.setdefault(_GROUPS[key], key)
-    if not first_of:
-        if path not in document.misspelt:
-            message = f"{name} does not define what to run"
-            yield document.error(path, message, _KIND_HELP, "R2B113")
+    kind = next((kind for kind in NODE_KINDS if set(kind.keys) == set(given)), None)
+    if kind is None:
+        if path not in document.misspelt or len(given) > 1:
+            listed = join_words([f"'{key}'" for key in given], "and")
+            message = f"{name} has {listed}, and needs the keys of one kind of node"
+            if not given:
+                message = f"{name} does not define what to run"
+            place = (*path, *given[-1:])
+            yield document.error(place, message, f"use one of {kinds_text()}", "R2B113")
         return
-    group = next(iter(first_of))
-    several = [*first_of.values()] if len(first_of) > 1 else [key for key in given if key != group]
-    if len(several) > 1:
-        yield document.both(path, several, _KIND_HELP, "R2B113")
-        return
-    alike = members(group)
-    if len(alike) > 1 and len(given) == 1 and path not in document.misspelt:
-        yield _incomplete(document, path, given[0], group)
-        return
-    kind = next((kind_ for kind_ in alike if kind_.marker in given), alike[-1])
     refused = dict(kind.refuses)
     if kind.by_others:
-        refused |= dict.fromkeys(PROCESS_KEYS, _NOT_STARTED)
+        refused |= dict.fromkeys(PROCESS_KEYS, "r2bspec does not start its processes")
     if "container" in node.entries:
-        refused = dict.fromkeys((*PROCESS_KEYS, "env"), _SHARED) | refused
-    for key, refusal in refused.items():
+        shared = "it shares its process with other nodes; its container may have it"
+        refused = dict.fromkeys((*PROCESS_KEYS, "env"), shared) | refused
+    for key, why in refused.items():
         if key in node.entries:
-            message = f"{name} cannot have '{key}': {refusal.why}"
-            yield document.error((*path, key), message, refusal.help or f"remove '{key}'")
+            message = f"{name} cannot have '{key}': {why}"
+            yield document.error((*path, key), message, f"remove '{key}'")
     if _INTRA_PROCESS in document.keys(*path, "extra_arguments"):
         message = f"'{_INTRA_PROCESS}' of {name} has a key of its own"
         help_text = "write 'intra_process' in the node instead"
         yield document.error((*path, "extra_arguments", _INTRA_PROCESS), message, help_text)
-
-
-def _policies(document: _Document, path: Path) -> Iterator[Diagnostic]:
-    """Policies of real time have a priority, and others have none."""
-    scheduling = (*path, "scheduling")
-    threads = (*scheduling, "threads")
-    number = len(tree.items_of(tree.lookup(document.root, threads)))
-    for place in (scheduling, *((*threads, index) for index in range(number))):
-        policy, priority = document.word(*place, "policy"), document.number((*place, "priority"), 0)
-        if policy in {"fifo", "rr"}:
-            if priority == 0:
-                message = f"the policy {policy} needs a priority"
-                yield document.error((*place, "policy"), message, "add 'priority', from 1 to 99")
-        elif priority:
-            message = f"'{format_path((*place, 'priority'))}' has no effect without real time"
-            yield document.error((*place, "priority"), message, "use 'nice', or 'policy: fifo'")
-
-
-def _incomplete(document: _Document, path: Path, given: str, group: str) -> Diagnostic:
-    """Return the diagnostic for a node that has one of the two keys of its kind."""
-    alike = sorted(members(group), key=lambda kind: kind.marker)
-    name = f"'{format_path(path)}'"
-    if given == group:
-        missing = " and ".join(f"no '{kind_.marker}'" for kind_ in alike)
-        message = f"{name} has '{group}' but {missing}"
-        help_text = f"add one of them; see {' or '.join(repr(kind_.listed_by) for kind_ in alike)}"
-    else:
-        message = f"{name} has '{given}' but no '{group}'"
-        listed = next(kind_.listed_by for kind_ in alike if kind_.marker == given)
-        help_text = f"add '{group}'; see '{listed}'"
-    return document.error((*path, given), message, help_text, "R2B113")
 
 
 def _is_false(node: tree.MapNode, key: str) -> bool:
@@ -235,110 +162,133 @@ def _is_false(node: tree.MapNode, key: str) -> bool:
 
 
 def _launch(document: _Document, path: Path) -> Iterator[Diagnostic]:
-    launch = document.map_at(*path)
-    if launch is None:
-        return
-    given = [key for key in launch.entries if key in ("package", "file", "path")]
-    help_text = "set 'package' and 'file', or 'path'"
-    if "path" in given and len(given) > 1:
-        other = next(key for key in given if key != "path")
-        keys = sorted(("path", other), key=given.index)
-        yield document.both(path, keys, help_text, "R2B118")
-    elif len(given) < 2 and "path" not in given and path not in document.misspelt:
-        lacks = {"package": "'file'", "file": "'package'"}.get("".join(given), "a launch file")
-        message = f"'{format_path(path)}' needs {lacks}"
-        yield document.error(path, message, help_text, "R2B118", span=launch.span)
+    launch = tree.lookup(document.root, path)
+    given = {key for key in document.keys(*path) if key in ("package", "file", "path")}
+    if "path" in given:
+        yield from document.one_of(path, ("path", "package", "file"), "R2B118")
+    elif isinstance(launch, tree.MapNode) and len(given) < 2 and path not in document.misspelt:
+        message = f"'{format_path(path)}' needs 'package' and 'file', or 'path'"
+        yield document.error(path, message, "name a launch file", "R2B118", span=launch.span)
 
 
-def _bags(document: _Document) -> Iterator[Diagnostic]:
-    """One recording or several, each with one source."""
-    place: Path = ("data_loader",)
-    loader = document.map_at(*place)
-    if loader is None:
-        return
-    given = [key for key in loader.entries if key in ("bag", "bags")]
-    if len(given) == 2:
-        yield document.both(place, given, "list all recordings under 'bags'", "R2B114")
-    elif not given and place not in document.misspelt:
-        help_text = "add 'bag: r2b_storage', or 'bag: ./a/bag'"
-        yield document.error(place, "'data_loader' needs 'bag' or 'bags'", help_text, "R2B114")
-    bags = tree.child(loader, "bags")
-    if isinstance(bags, tree.ListNode) and not bags.items:
-        message = "'data_loader.bags' must not be empty"
-        yield document.error((*place, "bags"), message, "for example: [./a/bag]", "R2B108")
-    number = len(tree.items_of(bags))
-    for path in ((*place, "bag"), *((*place, "bags", index) for index in range(number))):
-        if document.map_at(*path) is not None:
-            help_text = "add 'dataset: r2b_storage', or 'path: ./a/bag'"
-            keys = ("dataset", "path")
-            yield from document.one_of(path, keys, "R2B114", "'dataset' or 'path'", help_text)
+def _single_keys(document: _Document) -> Iterator[Diagnostic]:
+    """Yield the maps without exactly one of several keys."""
+    loader: Path = ("data_loader",)
+    if document.has_map(*loader):
+        yield from document.one_of(loader, ("bag", "bags"), "R2B114")
+    number = len(tree.items_of(tree.lookup(document.root, (*loader, "bags"))))
+    for path in ((*loader, "bag"), *((*loader, "bags", index) for index in range(number))):
+        if document.has_map(*path):
+            yield from document.one_of(path, ("dataset", "path"), "R2B114")
+    sections: dict[Path, Sequence[str]] = {
+        ("ready",): ("file", "service", "log", "topic"),
+        ("after_ready",): ("command", "service"),
+        ("playback", "calls"): ("service", "action"),
+    }
+    for section, keys in sections.items():
+        for path, _ in document.entries(section):
+            yield from document.one_of(path, keys, "R2B118")
 
 
-def _playback(document: _Document) -> Iterator[Diagnostic]:
-    playback = document.map_at("playback")
-    if playback is None:
-        return
-    mode = document.word("playback", "mode") if "mode" in playback.entries else "looping"
-    yield from _calls(document, mode)
-    if mode == "live" and document.map_at("playback", "calls") is None:
-        unused = [("playback", key) for key in ("inputs", "buffer", "unpaired", "clock")]
-        yield from document.without_effect(
-            [("data_loader",), ("preprocessors",), *unused],
-            ": a live benchmark plays nothing",
-            "remove '{key}', or change playback.mode",
-        )
-    if mode and mode != "timeline":
-        yield from document.without_effect(
-            [("playback", key) for key in ("timeline", "record_timeline", "tf")],
-            f" with mode {mode}",
-            f"remove it, or write 'mode: timeline' instead of '{mode}'",
-        )
-    yield from _arrivals(document, mode)
-    yield from _recorded_rates(document, mode)
-    yield from _translations(document)
+def _keys_without_effect(document: _Document) -> Iterator[tuple[Iterable[Path], str, str]]:
+    """Yield keys that have no effect together with others, why, and what to do instead."""
 
+    def playback(*keys: str) -> list[Path]:
+        return [("playback", key) for key in keys]
 
-def _arrivals(document: _Document, mode: str) -> Iterator[Diagnostic]:
-    path: Path = ("playback", "arrivals")
+    mode = document.word("playback", "mode") or "looping"
+    if "mode" in document.keys("playback") and not document.word("playback", "mode"):
+        mode = ""  # wrong otherwise
+    calls = [path for path, _ in document.entries(("playback", "calls"))]
+    if mode == "live" and not document.has_map("playback", "calls"):
+        unused = playback("inputs", "buffer", "unpaired", "clock")
+        why = ": a live benchmark plays nothing"
+        yield [("data_loader",), ("preprocessors",), *unused], why, "change playback.mode"
+    if mode not in ("", "timeline"):
+        unused = playback("timeline", "record_timeline", "tf")
+        yield unused, f" with mode {mode}", "write 'mode: timeline'"
     if mode in {"timeline", "live"}:
         why = f": with mode {mode} the {'recording' if mode == 'timeline' else 'graph'} sets them"
-        yield from document.without_effect([path], why, "remove it, or write 'mode: looping'")
-        return
-    if document.map_at(*path) is None:
-        return
-    kind = document.word(*path, "kind") or "fixed"
-    unused = {"bursts": (), "jitter": ("size",), "dropout": ("size",), "poisson": ("size", "share")}
-    keys = unused.get(kind, ("size", "share", "seed"))
-    paths = [(*path, key) for key in keys]
-    yield from document.without_effect(paths, f" with {kind} arrivals", "remove it")
+        yield playback("arrivals"), why, "write 'mode: looping'"
+    elif document.has_map("playback", "arrivals"):
+        kind = document.word("playback", "arrivals", "kind") or "fixed"
+        used = {"bursts": ("size", "share", "seed"), "poisson": ("seed",)}
+        used |= dict.fromkeys(("jitter", "dropout"), ("share", "seed"))
+        keys = {"size", "share", "seed"} - {*used.get(kind, ())}
+        paths: list[Path] = [("playback", "arrivals", key) for key in sorted(keys)]
+        yield paths, f" with {kind} arrivals", ""
+    if calls and not document.has_map("playback", "inputs"):
+        unused = playback("buffer", "unpaired", "pairing", "clock", "record_timeline", "tf")
+        recorded = any("from" in document.keys(*path) for path in calls)
+        data: list[Path] = [] if recorded else [("data_loader",)]
+        why = ": services are called, and no topic is played"
+        yield [*data, ("preprocessors",), *unused], why, "add 'playback.inputs'"
+    for path in calls:
+        if "from" in document.keys(*path):
+            yield [(*path, "each")], ": the requests are those of the recording, 'from'", ""
+        is_action = "action" in document.keys(*path)
+        other, owner = ("success", "a service") if is_action else ("feedback", "an action")
+        yield [(*path, other)], f": it is of {owner}", ""
+    for path, _ in document.entries(("containers",)):
+        if document.word(*path, "executable") == "python":
+            yield [(*path, "arguments")], ": a container of Python nodes has no arguments", ""
+    monitors = [path for path, _ in document.entries(("monitors",))]
+    if "graph" not in (document.word("harness"), document.word("harness", "placement")):
+        why = ": player and monitors do not run in the processes of the graph"
+        owners: list[Path] = [("harness",), *monitors]
+        yield [(*path, "in") for path in owners], why, "write 'harness: {placement: graph}'"
+    for path in monitors:
+        match = document.word(*path, "match")
+        if match in {"own_pace", "any"}:
+            why = f" with 'match: {match}', which counts no outputs of an input"
+            yield [(*path, "ratio")], why, "match by stamp or by order"
+    transport = document.word("transport", "kind")
+    if transport not in ("", "shared_memory"):
+        why = f" with {transport}: only shared_memory has segments"
+        yield [("transport", "segment")], why, "write 'kind: shared_memory'"
+
+
+def _policies(document: _Document) -> Iterator[Diagnostic]:
+    """Policies of real time have a priority, and others have none."""
+    for section in (*_NODE_MAPS, ("containers",)):
+        for path, _ in document.entries(section):
+            scheduling = (*path, "scheduling")
+            threads = (*scheduling, "threads")
+            number = len(tree.items_of(tree.lookup(document.root, threads)))
+            for place in (scheduling, *((*threads, index) for index in range(number))):
+                priority = document.number((*place, "priority"), 0)
+                if document.word(*place, "policy") not in {"fifo", "rr"}:
+                    if priority:
+                        why = " without a policy of real time"
+                        yield from document.without_effect(
+                            [(*place, "priority")], why, "write 'policy: fifo'"
+                        )
+                elif priority == 0:
+                    message = "a policy of real time needs a priority"
+                    help_text = "add 'priority', from 1 to 99"
+                    yield document.error((*place, "policy"), message, help_text)
+
+
+def _arrivals(document: _Document) -> Iterator[Diagnostic]:
+    path: Path = ("playback", "arrivals")
+    kind = document.word(*path, "kind")
     if kind in {"jitter", "dropout"} and "share" not in document.keys(*path):
         yield document.error(path, f"{kind} needs a share", "add 'share: 20 %'", "R2B118")
     with contextlib.suppress(QuantityError):
         most = Share(MAX_DROPOUT if kind == "dropout" else 1.0)
-        if Share.parse(document.word(*path, "share")).fraction > most.fraction:
+        if Share.parse(document.word(*path, "share")) > most:
             yield document.error((*path, "share"), f"the share is more than {most}", "reduce it")
 
 
-def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
+def _calls(document: _Document) -> Iterator[Diagnostic]:
     """Services are called in each step, by a process of its own."""
-    calls: Path = ("playback", "calls")
-    if document.map_at(*calls) is None:
+    calls = [path for path, _ in document.entries(("playback", "calls"))]
+    if not calls:
         return
-    if not document.keys(*calls):
-        yield document.error(
-            calls, "'playback.calls' must not be empty", "name a service", "R2B108"
-        )
-    plays = document.map_at("playback", "inputs") is not None
-    recorded = [(*path, "from") for path, call in document.entries(calls) if "from" in call.entries]
-    if not plays:
-        keys = ("buffer", "unpaired", "pairing", "clock", "record_timeline", "tf")
-        unused: list[Path] = [("preprocessors",), *(("playback", key) for key in keys)]
-        yield from document.without_effect(
-            unused if recorded else [("data_loader",), *unused],
-            ": services are called, and no topic is played",
-            "remove '{key}', or add 'playback.inputs'",
-        )
-    elif mode == "timeline":
+    mode = document.word("playback", "mode")
+    plays = document.has_map("playback", "inputs")
+    recorded = [(*path, "from") for path in calls if "from" in document.keys(*path)]
+    if plays and mode == "timeline":
         for path in recorded:
             message = "with inputs, recorded requests are not sent at their recorded times"
             help_text = "remove 'playback.inputs', or 'mode: timeline' to send one in each step"
@@ -346,9 +296,7 @@ def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
     modes = ("", "looping", "timeline") if recorded else ("", "looping")
     if mode == "live" or (mode not in modes and not plays):
         message = f"services cannot be called with 'mode: {mode}'"
-        if mode != "live":
-            message += " where no topic is played"
-            message += " and no request is recorded" if mode == "timeline" else ""
+        message += "" if mode == "live" else " where no topic is played"
         yield document.error(("playback", "mode"), message, "remove it, or 'playback.calls'")
     for section, refused in (("harness", ("shared", "graph")), ("graph", ("harness",))):
         placement = document.word(section, "placement") or document.word(section)
@@ -357,102 +305,38 @@ def _calls(document: _Document, mode: str) -> Iterator[Diagnostic]:
             help_text = "remove the placement, or 'playback.calls'"
             yield document.error((section,), message, help_text)
     taken: dict[str, Path] = {name: ("monitors", name) for name in document.keys("monitors")}
-    for name in document.keys(*calls):
-        call: Path = (*calls, name)
-        needs = "'service' or 'action'"
-        kinds = ("service", "action")
-        yield from document.one_of(call, kinds, "R2B118", needs, f"add {needs}")
-        is_action = "action" in document.keys(*call)
-        if (*call, "from") in recorded:
-            why = ": the requests are those of the recording, 'from'"
-            yield from document.without_effect([(*call, "each")], why, "remove it, or 'from'")
-        other, owner = ("success", "a service") if is_action else ("feedback", "an action")
-        yield from document.without_effect([(*call, other)], f": it is of {owner}", "remove it")
-        ends = ("", ACCEPTED, FEEDBACK) if is_action else ("",)
-        for measured in (f"{name}{end}" for end in ends):
+    for path in calls:
+        ends = ("", ACCEPTED, FEEDBACK) if "action" in document.keys(*path) else ("",)
+        for measured in (f"{path[-1]}{end}" for end in ends):
             if measured in taken:
                 message = f"'{measured}' is measured twice: it is the name of something else, too"
-                there = Related(
-                    "the other one", tree.span_at(document.root, taken[measured], key=True)
-                )
-                yield document.error(call, message, "rename one of them", related=(there,))
-            taken.setdefault(measured, call)
+                other = tree.span_at(document.root, taken[measured], key=True)
+                related = (Related("the other one", other),)
+                yield document.error(path, message, "rename one of them", related=related)
+            taken.setdefault(measured, path)
 
 
-def _recorded_rates(document: _Document, mode: str) -> Iterator[Diagnostic]:
+def _own_rates(document: _Document) -> Iterator[Diagnostic]:
     """Inputs with a rate of their own, and latched ones, need others that make steps."""
     section = ("playback", "inputs")
     rates = [(*path, "rate") for path, _ in document.entries(section)]
+    own = [path for path in rates if document.word(*path) == "once"]
     recorded = [path for path in rates if document.word(*path) == "recorded"]
-    latched = [path for path in rates if document.word(*path) == "once"]
-    if mode == "timeline":
+    if document.word("playback", "mode") == "timeline":
         why = " with mode timeline, which plays every input at its recorded times"
-        yield from document.without_effect(recorded, why, "remove it")
-        recorded = []
-    own = recorded + latched
+        yield from document.without_effect(recorded, why)
+    else:
+        own += recorded
     if own and len(own) == len(document.keys(*section)):
         message = "no input makes steps: all of them have a 'rate' of their own"
-        help_text = "remove it from the input whose rate is offered"
-        help_text += ", or write 'mode: timeline'" if recorded else ""
+        help_text = "remove it from the input whose rate is offered, or write 'mode: timeline'"
         yield from (document.error(path, message, help_text) for path in own)
 
 
-def _translations(document: _Document) -> Iterator[Diagnostic]:
-    inputs = document.map_at("playback", "inputs")
-    path = ("playback", "timeline", "translations")
-    translations = tree.entries_of(tree.lookup(document.root, path))
-    for topic, entry in translations.items():
-        if inputs is not None and topic not in inputs.entries and entry.key_resolved:
-            help_text = unknown_name_help(topic, inputs.entries, "inputs")
-            yield document.error((*path, topic), f"unknown playback input '{topic}'", help_text)
-
-
-def _harness(document: _Document) -> Iterator[Diagnostic]:
-    """Processes of the graph are named only where the harness runs in them."""
-    if "graph" in (document.word("harness"), document.word("harness", "placement")):
+def _network(document: _Document) -> Iterator[Diagnostic]:
+    if not document.has_map("network"):
         return
-    owners = [("harness",), *(path for path, _ in document.entries(("monitors",)))]
-    yield from document.without_effect(
-        [(*path, "in") for path in owners],
-        ": player and monitors do not run in the processes of the graph",
-        "remove it, or write 'harness: {{placement: graph}}'",
-    )
-
-
-def _uncounted_outputs(document: _Document) -> Iterator[Diagnostic]:
-    """Yield where no number of outputs is expected there is no ratio.
-
-    A timer has no path of stamps.
-    """
-    kinds = {
-        "own_pace": (("ratio",), "its outputs answer no input"),
-        "any": (("ratio",), "an input may have any number of outputs"),
-    }
-    for match, (keys, why) in kinds.items():
-        monitors = [path for path, _ in document.entries(("monitors",))]
-        yield from document.without_effect(
-            [
-                (*path, key)
-                for path in monitors
-                if document.word(*path, "match") == match
-                for key in keys
-            ],
-            f" with 'match: {match}': {why}",
-            "remove '{key}', or match by stamp or by order",
-        )
-
-
-def _transport(document: _Document) -> Iterator[Diagnostic]:
-    kind = document.word("transport", "kind")
-    if kind not in ("", "shared_memory"):
-        yield from document.without_effect(
-            [("transport", "segment")],
-            f" with {kind}: only shared_memory has segments",
-            "remove it, or write 'kind: shared_memory'",
-        )
-    if document.map_at("network") is None:
-        return
-    if (kind or document.word("transport")) != "udp":
+    if (document.word("transport", "kind") or document.word("transport")) != "udp":
         message = "messages in shared memory do not pass the network"
         help_text = "write 'transport: udp', or remove 'network'"
         yield document.error(("network",), message, help_text)
@@ -466,61 +350,34 @@ def _transport(document: _Document) -> Iterator[Diagnostic]:
 
 
 def _benchmark(document: _Document) -> Iterator[Diagnostic]:
-    if document.map_at("benchmark") is None:
-        return
     path: Path = ("benchmark", "max_iterations")
-    iterations = document.number(("benchmark", "iterations"), 10)
-    max_iterations = document.number(path, 0)
-    if iterations is not None and max_iterations and max_iterations < iterations:
-        message = (
-            f"'benchmark.max_iterations' ({max_iterations}) is less than 'iterations' "
-            f"({iterations})"
-        )
+    iterations, most = document.number(("benchmark", "iterations"), 10), document.number(path, 0)
+    if iterations is not None and most and most < iterations:
+        message = f"'benchmark.max_iterations' ({most}) is less than 'iterations' ({iterations})"
         yield document.error(path, message, f"use at least {iterations}")
-    if document.map_at("benchmark", "rates") is not None:
-        yield from _range(document)
-    planned = max(iterations or 0, max_iterations or 0) * _number_of_rates(document)
-    if planned > MAX_PLANNED_ITERATIONS:
-        message = (
-            f"{planned:,} iterations at all rates together; the limit is {MAX_PLANNED_ITERATIONS:,}"
-        )
-        yield document.error(("benchmark",), message, "use fewer, or split the spec", "R2B129")
-
-
-def _number_of_rates(document: _Document) -> int:
-    """Return how many rates are listed, or are in a valid range; 1 where that is not known."""
-    path: Path = ("benchmark", "rates")
-    listed = tree.lookup(document.root, path)
-    if isinstance(listed, tree.ListNode):
-        return len(listed.items)
-    first, last, step = (document.rate(*path, key) for key in ("from", "to", "step"))
-    if first is not None and last is not None and step is not None and step.is_positive:
-        number = (last.hz - first.hz) / step.hz
-        return int(number) + 1 if 0 < number < MAX_RANGE_RATES else 1
-    return document.number((*path, "count"), 1) or 1
-
-
-def _range(document: _Document) -> Iterator[Diagnostic]:
-    path: Path = ("benchmark", "rates")
-    keys, help_text = ("step", "count"), "add 'step: 10 Hz', or 'count: 6'"
-    unclear = list(document.one_of(path, keys, "R2B118", "'step' or 'count'", help_text))
+    path = ("benchmark", "rates")
+    if not document.has_map(*path):
+        return
+    unclear = list(document.one_of(path, ("step", "count"), "R2B118"))
+    yield from unclear
     first, last, step = (document.rate(*path, key) for key in ("from", "to", "step"))
     if unclear or first is None or last is None:
-        yield from unclear
-    elif first.hz >= last.hz:
+        return
+    if first >= last:
         message = f"the range of rates is empty: 'to' ({last}) is not above 'from' ({first})"
         yield document.error((*path, "to"), message, "swap the two, or write a list of rates")
     elif step is not None and step.is_positive:
-        if step.hz > last.hz - first.hz:
-            message = f"a step of {step} is larger than the range from {first} to {last}"
-            yield document.error((*path, "step"), message, "use a smaller step")
-        elif (last.hz - first.hz) / step.hz >= MAX_RANGE_RATES:
-            message = f"the range has more than {MAX_RANGE_RATES:,} rates"
-            yield document.error((*path, "step"), message, "use a larger step")
+        number = (last.hz - first.hz) / step.hz
+        if not 1 <= number < MAX_RANGE_RATES:
+            few = (
+                "is larger than the range" if number < 1 else f"makes over {MAX_RANGE_RATES} rates"
+            )
+            message = f"a step of {step} {few} from {first} to {last}"
+            yield document.error((*path, "step"), message, "use another step, or 'count'")
 
 
-def _conditions(document: _Document) -> Iterator[Diagnostic]:
-    """Variables in the `when` of objectives."""
+def _names(document: _Document) -> Iterator[Diagnostic]:
+    """Names that must be declared: variables in the `when` of objectives, inputs with delays."""
     declared = document.keys("variables")
     for path, _ in document.entries(("slos",)):
         for name in document.keys(*path, "when"):
@@ -528,12 +385,11 @@ def _conditions(document: _Document) -> Iterator[Diagnostic]:
                 message, if_none = f"unknown variable '{name}'", "declare it under 'variables'"
                 help_text = unknown_name_help(name, sorted(declared), "declared variables", if_none)
                 yield document.error((*path, "when", name), message, help_text, "R2B120")
-
-
-def _requirements(document: _Document) -> Iterator[Diagnostic]:
-    """Yield the requirements of all objectives together have a limit."""
-    lists = (tree.child(objective, "require") for _, objective in document.entries(("slos",)))
-    number = sum(len(tree.items_of(listed)) for listed in lists)
-    if number > MAX_REQUIREMENTS:
-        message = f"{number:,} requirements; the limit is {MAX_REQUIREMENTS:,}"
-        yield document.error(("slos",), message, "split the spec", "R2B129")
+    inputs = document.keys("playback", "inputs")
+    section = ("playback", "timeline", "translations")
+    translations = tree.entries_of(tree.lookup(document.root, section))
+    for topic, entry in translations.items():
+        if inputs and topic not in inputs and entry.key_resolved:
+            message = f"unknown playback input '{topic}'"
+            help_text = unknown_name_help(topic, inputs, "inputs")
+            yield document.error((*section, topic), message, help_text)

@@ -60,18 +60,6 @@ def gc_paused() -> Iterator[None]:
         gc.enable()
 
 
-_MISSING_FILE_CODES = (
-    "R2B102",
-    "R2B113",
-    "R2B114",
-    "R2B118",
-    "R2B119",
-    "R2B120",
-    "R2B121",
-    "R2B137",
-)
-
-
 @dataclass(frozen=True, slots=True)
 class LoadedSpec:
     """A document, or a case of its matrix: its values as far as they are known, and its errors.
@@ -200,7 +188,8 @@ def _select_cases(
     document: Document, case: str
 ) -> tuple[MatrixCases | None, tuple[MatrixCase, ...]]:
     """Return the matrix and the selected cases; its problems are added to those of the document."""
-    matrix = matrix_of(document.tree, document.sources) if document.tree is not None else None
+    has_matrix = document.tree is not None and not document.is_incomplete
+    matrix = matrix_of(document.tree, document.sources) if has_matrix else None
     if matrix is not None:
         document.problems.diagnostics += matrix.problems.diagnostics
         if has_errors(matrix.problems.diagnostics):
@@ -245,7 +234,8 @@ def _load_case(
         problems += [*explained, *key_constraint_errors(tree, explained)]
         spec = value if isinstance(value, Spec) and not has_errors(problems) else None
     if document.is_incomplete:
-        problems = [problem for problem in problems if problem.code not in _MISSING_FILE_CODES]
+        # The others may be consequences of what the file would have brought.
+        problems = list(document.problems.diagnostics)
     return LoadedSpec(
         document.file,
         document.base_dir,

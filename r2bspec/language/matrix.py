@@ -26,7 +26,7 @@ from r2bspec.language import located_tree as tree
 from r2bspec.language.declaration import language
 from r2bspec.language.document import DiagnosticCollector, Source
 from r2bspec.language.structure import INVALID, explain, read_value
-from r2bspec.safe_io.limits import MAX_CASE_NAME_CHARACTERS, MAX_CASE_VALUES, MAX_CASES
+from r2bspec.safe_io.limits import MAX_CASE_NAME_CHARACTERS, MAX_CASES
 
 if TYPE_CHECKING:
     from r2bspec.language.load_spec import LoadedSpec
@@ -58,7 +58,7 @@ class MatrixCases(msgspec.Struct):
     problems: DiagnosticCollector = msgspec.field(default_factory=DiagnosticCollector)
 
 
-def matrix_of(root: tree.TreeNode, sources: Mapping[str, Source]) -> MatrixCases | None:
+def matrix_of(root: tree.TreeNode | None, sources: Mapping[str, Source]) -> MatrixCases | None:
     """Return the matrix of a document, or None if it has none.
 
     Args:
@@ -73,14 +73,12 @@ def matrix_of(root: tree.TreeNode, sources: Mapping[str, Source]) -> MatrixCases
     if value is INVALID:
         matrix.problems.diagnostics += explain(violations)
         return matrix
-    axes = tree.entries_of(tree.child(node, "axes"))
-    named = tree.entries_of(tree.child(node, "cases"))
-    cases = {name: (entry.key_span, _values(entry.value)) for name, entry in named.items()}
-    excluded = [(rule.span, _values(rule)) for rule in tree.items_of(tree.child(node, "exclude"))]
-    variables = tree.entries_of(tree.child(root, "variables"))
-    if _check_names(matrix.problems, variables, axes, cases, excluded):
-        size = tree.count_values(tree.without(root, KEY))
-        matrix.matrix_cases = _expand_cases(matrix, axes, cases, excluded, size)
+    axes = {
+        name: [item for item in tree.items_of(entry.value) if isinstance(item, tree.ScalarNode)]
+        for name, entry in tree.entries_of(tree.child(node, "axes")).items()
+    }
+    if _check_names(matrix.problems, root, node) and _check_values(matrix, axes, node):
+        matrix.matrix_cases = _expand_cases(matrix, axes, node)
     return matrix
 
 
@@ -92,64 +90,79 @@ def _values(node: tree.TreeNode) -> Values:
     }
 
 
-def _expand_cases(
-    found: MatrixCases,
-    axes: Mapping[str, tree.Entry],
-    cases: Mapping[str, tuple[Span, Values]],
-    excluded: list[tuple[Span, Values]],
-    values_in_case: int,
-) -> tuple[MatrixCase, ...]:
-    problems = found.problems
-    lists = {
-        name: [item for item in tree.items_of(entry.value) if isinstance(item, tree.ScalarNode)]
-        for name, entry in axes.items()
-    }
-    number = len(cases) + (math.prod(map(len, lists.values())) if lists else 0)
+_Axes = Mapping[str, Sequence[tree.ScalarNode]]
+
+
+def _check_names(problems: DiagnosticCollector, root: tree.TreeNode, node: tree.TreeNode) -> bool:
+    """Report variables that the document does not declare; return whether there are none."""
+    known = tree.entries_of(tree.child(root, "variables"))
+    named = dict(tree.entries_of(tree.child(node, "axes")))
+    for case in tree.entries_of(tree.child(node, "cases")).values():
+        named |= tree.entries_of(case.value)
+    unknown = [name for name in named if name not in known]
+    for name in unknown:
+        declare = "declare it under 'variables' with a default value"
+        help_text = unknown_name_help(name, known, "declared variables", declare)
+        message = f"unknown variable {quote(name)}"
+        problems.error("R2B137", message, named[name].key_span, help_text)
+    return not unknown
+
+
+def _check_values(matrix: MatrixCases, axes: _Axes, node: tree.TreeNode) -> bool:
+    """Report values that occur twice, and too many cases; return whether there are neither."""
+    problems = matrix.problems
+    for name, values in axes.items():
+        seen: dict[str, tree.ScalarNode] = {}
+        for value in values:
+            first = seen.setdefault(value.text, value)
+            if first is not value:
+                problems.error(
+                    "R2B141",
+                    f"duplicate value {quote(value.text)} in axis {quote(name)}",
+                    value.span,
+                    "remove one of them: two cases would have the same name",
+                    related=(Related("first used here", first.span),),
+                )
+    number = len(tree.entries_of(tree.child(node, "cases")))
+    number += math.prod(map(len, axes.values())) if axes else 0
     if number > MAX_CASES:
         message = f"the matrix has {number:,} cases; the limit is {MAX_CASES:,}"
-        problems.error("R2B139", message, found.span, "remove values, or split the spec")
-        return ()
-    if len(excluded) > MAX_CASES:
-        message = f"the matrix has {len(excluded):,} exclusions; the limit is {MAX_CASES:,}"
-        problems.error("R2B139", message, found.span, "select values instead of excluding them")
-        return ()
-    for name, listed in lists.items():
-        _check_duplicate_values(problems, name, listed)
+        problems.error("R2B139", message, matrix.span, "remove values, or split the spec")
+    return not problems.diagnostics
+
+
+def _expand_cases(matrix: MatrixCases, axes: _Axes, node: tree.TreeNode) -> tuple[MatrixCase, ...]:
+    excluded = tree.items_of(tree.child(node, "exclude"))[:MAX_CASES]
+    rules = [_chosen(_values(rule)) for rule in excluded]
     made: list[MatrixCase] = []
     used: set[int] = set()
-    rules = [_chosen(rule) for _, rule in excluded]
-    for combination in itertools.product(*lists.values()) if lists else ():
-        values: Values = dict(zip(lists, combination, strict=True))
+    for combination in itertools.product(*axes.values()) if axes else ():
+        values: Values = dict(zip(axes, combination, strict=True))
         chosen = _chosen(values)
         matching = [index for index, rule in enumerate(rules) if rule <= chosen]
         used.update(matching)
         if not matching:
             name = ",".join(f"{key}={value.text}" for key, value in values.items())
             made.append(MatrixCase(name, values, combination[-1].span))
-    for index, (span, _) in enumerate(excluded):
+    for index, rule in enumerate(excluded):
         if index not in used:
-            problems.diagnostics.append(
+            matrix.problems.diagnostics.append(
                 Diagnostic(
                     "R2B138",
                     Severity.WARNING,
                     "this exclusion matches no combination of the axes",
-                    span,
+                    rule.span,
                     path=(KEY, "exclude", index),
                     help='remove it, or correct its values; 2 and "2" are different',
                 )
             )
-    made += [MatrixCase(name, given, span) for name, (span, given) in cases.items()]
-    total = len(made) * values_in_case
-    if total > MAX_CASE_VALUES:
-        message = (
-            f"{len(made):,} cases of {values_in_case:,} values are {total:,} values; "
-            f"the limit is {MAX_CASE_VALUES:,}"
-        )
-        problems.error("R2B139", message, found.span, "remove cases, or split the spec")
-        return ()
+    for name, entry in tree.entries_of(tree.child(node, "cases")).items():
+        made.append(MatrixCase(name, _values(entry.value), entry.key_span))
     if not made:
-        message = "the matrix has no cases" + (": all combinations are excluded" if lists else "")
-        problems.error("R2B139", message, found.span, "for example: axes: {threads: [1, 2]}")
+        message = "the matrix has no cases" + (": all combinations are excluded" if axes else "")
+        matrix.problems.error(
+            "R2B139", message, matrix.span, "for example: axes: {threads: [1, 2]}"
+        )
     return tuple(made)
 
 
@@ -158,46 +171,6 @@ def _chosen(values: Values) -> frozenset[tuple[str, bool, object]]:
     return frozenset(
         (name, isinstance(node.value, bool), node.value) for name, node in values.items()
     )
-
-
-def _check_duplicate_values(
-    problems: DiagnosticCollector, name: str, values: Sequence[tree.ScalarNode]
-) -> None:
-    seen: dict[str, tree.ScalarNode] = {}
-    for value in values:
-        first = seen.setdefault(value.text, value)
-        if first is not value:
-            problems.error(
-                "R2B141",
-                f"duplicate value {quote(value.text)} in axis {quote(name)}",
-                value.span,
-                "remove one of them: two cases would have the same name",
-                related=(Related("first used here", first.span),),
-            )
-
-
-def _check_names(
-    problems: DiagnosticCollector,
-    known: Mapping[str, tree.Entry],
-    axes: Mapping[str, tree.Entry],
-    cases: Mapping[str, tuple[Span, Values]],
-    excluded: list[tuple[Span, Values]],
-) -> bool:
-    variables = [
-        *((name, entry.key_span) for name, entry in axes.items()),
-        *((name, value.span) for _, case in cases.values() for name, value in case.items()),
-    ]
-    named_axes = [(name, value.span) for _, rule in excluded for name, value in rule.items()]
-    unknown_variables = [place for place in variables if place[0] not in known]
-    for name, span in unknown_variables:
-        declare = "declare it under 'variables' with a default value"
-        help_text = unknown_name_help(name, known, "declared variables", declare)
-        problems.error("R2B137", f"unknown variable {quote(name)}", span, help_text)
-    unknown_axes = [place for place in named_axes if place[0] not in axes]
-    for name, span in unknown_axes:
-        help_text = unknown_name_help(name, axes, "axes of the matrix", "the matrix has no axes")
-        problems.error("R2B137", f"unknown axis {quote(name)}", span, help_text)
-    return not unknown_variables and not unknown_axes
 
 
 _MAX_NAMED_CASES = 5

@@ -15,24 +15,16 @@ import msgspec
 NodeKindName = Literal["python", "plugin", "executable", "command", "launch", "external"]
 
 
-class Refusal(msgspec.Struct, frozen=True):
-    """Why a kind of node cannot have a key, and what to do; empty to remove the key."""
-
-    why: str
-    help: str = ""
-
-
 class NodeKind(msgspec.Struct, frozen=True, eq=False):
     """A kind of node.
 
     Attributes:
         keys: the keys that together say that a node is of this kind. Kinds that share their first
             key exclude each other by the others.
-        is_flag: whether its only key is true or false.
         role: of the process that it runs in, ``host`` for Python nodes, ``container`` for C++
             components, ``command`` for a process that the node makes itself; None if r2bspec
             starts nothing.
-        refuses: keys that mean nothing for it.
+        refuses: keys that mean nothing for it, and why.
         by_others: whether its nodes are made by something other than r2bspec: they cannot be
             started alone, have no settings of a process, and may leave the namespace of the
             benchmark.
@@ -40,28 +32,15 @@ class NodeKind(msgspec.Struct, frozen=True, eq=False):
         any_program: whether it may be any program, which need be no ROS process and may hold
             several nodes: it gets ROS arguments only where the spec states something of ROS, and
             parameter files as they are.
-        listed_by: the ROS command that lists what there is of it in a package.
     """
 
     name: NodeKindName
     keys: tuple[str, ...]
     role: Literal["host", "container", "command"] | None = "command"
-    is_flag: bool = False
-    refuses: Mapping[str, Refusal] = msgspec.field(default_factory=dict)
+    refuses: Mapping[str, str] = msgspec.field(default_factory=dict)
     by_others: bool = False
     names_own_nodes: bool = False
     any_program: bool = False
-    listed_by: str = ""
-
-    @property
-    def group(self) -> str:
-        """The key that it shares with similar kinds, or its only key."""
-        return self.keys[0]
-
-    @property
-    def marker(self) -> str:
-        """The key that distinguishes it from similar kinds."""
-        return self.keys[-1]
 
     @property
     def shares_process(self) -> bool:
@@ -69,44 +48,34 @@ class NodeKind(msgspec.Struct, frozen=True, eq=False):
         return self.role in {"host", "container"}
 
 
-def _no_arguments(help_text: str = "") -> dict[str, Refusal]:
-    return {"arguments": Refusal("only an executable or a command has arguments", help_text)}
+def _refused(why: str, *keys: str) -> dict[str, str]:
+    return dict.fromkeys(keys, why)
 
 
-def _no_lifecycle(why: str, help_text: str) -> dict[str, Refusal]:
-    return {"lifecycle": Refusal(why, help_text)}
-
-
-_NOT_LOADED: Final = Refusal("only a plugin is loaded by a container")
-_NO_PLUGIN = {"intra_process": _NOT_LOADED, "extra_arguments": _NOT_LOADED}
-_OWN_EXECUTOR: Final = Refusal("its program makes its executor itself")
-_NO_EXECUTOR = {"executor": _OWN_EXECUTOR, "threads": _OWN_EXECUTOR}
-_OF_CONTAINER: Final = Refusal(
-    "a plugin has the executor of its container", "set it in 'containers', and name that container"
-)
-_NO_CONTAINER = {"container": Refusal("only Python nodes and plugins run in a container")}
+_NO_PLUGIN = _refused("only a plugin is loaded by a container", "intra_process", "extra_arguments")
+_NO_EXECUTOR = _refused("its program makes its executor itself", "executor", "threads")
+_NO_CONTAINER = _refused("only Python nodes and plugins run in a container", "container")
+_NO_ARGUMENTS: Final = "only an executable or a command has arguments"
 
 PYTHON: Final = NodeKind(
     name="python",
     keys=("python",),
     role="host",
-    refuses=_no_arguments("use 'parameters' for a Python node") | _NO_PLUGIN,
+    refuses=_refused(f"{_NO_ARGUMENTS}; a Python node has 'parameters'", "arguments") | _NO_PLUGIN,
 )
 
 PLUGIN: Final = NodeKind(
     name="plugin",
     keys=("package", "plugin"),
     role="container",
-    refuses=_no_arguments("use 'parameters' for a plugin")
-    | {"executor": _OF_CONTAINER, "threads": _OF_CONTAINER},
-    listed_by="ros2 component types",
+    refuses=_refused(f"{_NO_ARGUMENTS}; a plugin has 'parameters'", "arguments")
+    | _refused("a plugin has that of its container in 'containers'", "executor", "threads"),
 )
 
 EXECUTABLE: Final = NodeKind(
     name="executable",
     keys=("package", "executable"),
     refuses=_NO_CONTAINER | _NO_PLUGIN | _NO_EXECUTOR,
-    listed_by="ros2 pkg executables",
 )
 
 COMMAND: Final = NodeKind(
@@ -115,9 +84,10 @@ COMMAND: Final = NodeKind(
     refuses=_NO_CONTAINER
     | _NO_PLUGIN
     | _NO_EXECUTOR
-    | _no_lifecycle(
-        "a command may have nodes of any name",
-        "write the node as 'package' with 'executable', or change its state under 'after_ready'",
+    | _refused(
+        "a command may have nodes of any name; name 'package' and 'executable', or change their "
+        "states under 'after_ready'",
+        "lifecycle",
     ),
     any_program=True,
 )
@@ -125,12 +95,12 @@ COMMAND: Final = NodeKind(
 LAUNCH: Final = NodeKind(
     name="launch",
     keys=("launch",),
-    refuses=_no_arguments("put them under 'launch.arguments'")
+    refuses=_refused(f"{_NO_ARGUMENTS}; a launch file has 'launch.arguments'", "arguments")
     | _NO_CONTAINER
     | _NO_PLUGIN
-    | _no_lifecycle(
-        "a launch file may have nodes of any name",
-        "let it or a lifecycle manager activate its nodes, or write them one by one",
+    | _refused(
+        "a launch file may have nodes of any name; let it activate them, or write them one by one",
+        "lifecycle",
     ),
     by_others=True,
     names_own_nodes=True,
@@ -139,18 +109,10 @@ LAUNCH: Final = NodeKind(
 EXTERNAL: Final = NodeKind(
     name="external",
     keys=("external",),
-    is_flag=True,
     role=None,
-    refuses={
-        **_no_arguments(),
-        **_NO_CONTAINER,
-        **_no_lifecycle(
-            "the run changes nothing of an external node", "activate the node before the run"
-        ),
-        **_NO_PLUGIN,
-        "env": Refusal("an external node already has its environment"),
-        "parameters": Refusal("an external node already has its parameters"),
-    },
+    refuses=_refused("an external node already runs", "env", "parameters", "arguments", "lifecycle")
+    | _NO_CONTAINER
+    | _NO_PLUGIN,
     by_others=True,
 )
 
@@ -170,26 +132,5 @@ def kind_of(values: object) -> NodeKind:
 
 def kinds_text() -> str:
     """Return the kinds by their keys, such as ``'a', 'b' with 'c', or 'd'``."""
-    return _one_of([" with ".join(f"'{key}'" for key in kind.keys) for kind in NODE_KINDS])
-
-
-def kinds_help() -> str:
-    """Return the kinds as a hint, with similar kinds together and the values of markers."""
-    groups = {group: members(group) for group in dict.fromkeys(kind.group for kind in NODE_KINDS)}
-    return _one_of([_written(group, kinds) for group, kinds in groups.items()])
-
-
-def members(group: str) -> tuple[NodeKind, ...]:
-    """Return the kinds that have the same first key."""
-    return tuple(kind for kind in NODE_KINDS if kind.group == group)
-
-
-def _written(group: str, kinds: tuple[NodeKind, ...]) -> str:
-    if len(kinds) > 1:
-        markers = " or ".join(f"'{kind.marker}'" for kind in kinds)
-        return f"'{group}' with {markers}"
-    return f"'{group}: true'" if kinds[0].is_flag else f"'{group}'"
-
-
-def _one_of(words: list[str]) -> str:
-    return f"{', '.join(words[:-1])}, or {words[-1]}"
+    *others, last = (" with ".join(f"'{key}'" for key in kind.keys) for kind in NODE_KINDS)
+    return f"{', '.join(others)}, or {last}"

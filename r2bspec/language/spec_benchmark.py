@@ -14,7 +14,7 @@ from r2bspec.language.comparison_grammar import Requirement
 from r2bspec.language.declaration import Record, Written, key
 from r2bspec.language.quantities import Duration, Rate, Share, Size
 from r2bspec.language.spec_graph import ActionCall, QoS, RequestFields, ServiceCall, Variables
-from r2bspec.safe_io.limits import MAX_RANGE_RATES, MAX_SPEC_ENTRIES
+from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS, MAX_RANGE_RATES, MAX_SPEC_ENTRIES
 
 _IMAGE_INPUT: Final = {"from": "buffer/image", "format": "sensor_msgs/msg/Image"}
 
@@ -82,7 +82,7 @@ class DataLoader(Record, frozen=True, kw_only=True):
     about = key({"bag": "r2b_storage", "topics": {"/d455_1_rgb_image": "data_loader/image"}})
 
     bag: Annotated[BagSource, key(hidden_default=True)] = BagSource()
-    bags: Annotated[tuple[BagSource, ...], key(["./bags/part_1", "./bags/part_2"])] = ()
+    bags: Annotated[tuple[BagSource, ...], key(["./bags/part_1", "./bags/part_2"], at_least=1)] = ()
     window: Window = Window()
     topics: Annotated[
         dict[
@@ -320,7 +320,8 @@ class Playback(Record, frozen=True, kw_only=True):
         ),
     ] = {}
     calls: Annotated[
-        dict[names.MonitorName, Call], key({"plan": _CALL}, at_most=MAX_SPEC_ENTRIES)
+        dict[names.MonitorName, Call],
+        key({"plan": _CALL}, at_least=1, at_most=MAX_SPEC_ENTRIES),
     ] = {}
     unpaired: Literal["refuse", "drop"] = "refuse"
     timeline: Timeline = Timeline()
@@ -682,9 +683,9 @@ class Benchmark(Pacing, frozen=True, kw_only=True):
     about = key({"duration": "10 s", "iterations": 10, "rates": ["10 Hz", "30 Hz"]})
 
     duration: Annotated[Duration, key("10 s", positive=True)] = Duration(2_500_000_000)
-    iterations: Annotated[int, key(10, minimum=1)] = 10
+    iterations: Annotated[int, key(10, minimum=1, maximum=MAX_PLANNED_ITERATIONS)] = 10
     starts: Annotated[int | None, key(5, 1, minimum=1, maximum=MAX_STARTS)] = None
-    max_iterations: Annotated[int, key(20, minimum=0)] = 0
+    max_iterations: Annotated[int, key(20, minimum=0, maximum=MAX_PLANNED_ITERATIONS)] = 0
     anatomy: Annotated[
         bool | tuple[str, ...],
         Written(

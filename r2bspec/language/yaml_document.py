@@ -22,7 +22,7 @@ import math
 import re
 from collections.abc import Iterator
 from itertools import chain
-from typing import Any, cast
+from typing import Any
 
 import msgspec
 import yaml
@@ -248,10 +248,6 @@ class CollectionBuilder(msgspec.Struct):
         )
 
 
-_CParser: Any = getattr(getattr(yaml, "cyaml", None), "CParser", None)
-"""None where PyYAML was built without libyaml."""
-
-
 class ComposeResult(msgspec.Struct, frozen=True):
     """The tree, or None if the text is no document, and its problems with those of the source."""
 
@@ -267,24 +263,15 @@ def compose(source: Source) -> ComposeResult:
     diagnostics = composer.problems.diagnostics
     diagnostics += source.diagnostics
     try:
-        composer.run(_events(source.text))
+        # The events of libyaml without the detour that `yaml.parse` takes; they end with None.
+        parser: Any = yaml.CBaseLoader(source.text)
+        composer.run(iter(parser.get_event, None))
     except StopReadingError:
         return ComposeResult(None, tuple(diagnostics))
     except yaml.YAMLError as error:
         diagnostics.append(explain_syntax_error(error, source))
         return ComposeResult(None, tuple(diagnostics))
     return ComposeResult(composer.root, tuple(diagnostics))
-
-
-def _events(text: str) -> Iterator[Any]:
-    """Return the events of the parser.
-
-    Those of libyaml without the detour that `yaml.parse` takes.
-    """
-    if _CParser is None:
-        return cast("Iterator[Any]", yaml.parse(text, Loader=yaml.Loader))
-    # It ends with None.
-    return iter(_CParser(text).get_event, None)
 
 
 class _Composer:

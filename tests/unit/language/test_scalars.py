@@ -6,9 +6,7 @@ import pathlib
 
 import pytest
 
-from nightly import size
 from r2bspec.diagnostics import Path, Span
-from r2bspec.language import yaml_document as composing
 from r2bspec.language.document import Source, inner_span
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.located_tree import ScalarNode, TreeNode, lookup, span_at, to_plain
@@ -205,16 +203,3 @@ def test_a_file_that_cannot_be_read(tmp_path: pathlib.Path) -> None:
     for path in (tmp_path, tmp_path / "missing.r2b.yaml"):
         (found,) = load_spec(path).diagnostics
         assert found.code == "R2B001"
-
-
-def test_the_python_parser_is_good_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    golden = pathlib.Path(__file__).parents[2] / "golden" / "language"
-    files = sorted(golden.glob("*.yaml"))[:: size(3, 1)]
-    native = [load_spec(file) for file in files]
-    monkeypatch.setattr(composing, "_CParser", None)
-    for file, expected in zip(files, native, strict=True):
-        loaded = load_spec(file)
-        assert loaded.spec == expected.spec
-        assert [diagnostic.code for diagnostic in loaded.diagnostics] == [
-            diagnostic.code for diagnostic in expected.diagnostics
-        ], file.name
