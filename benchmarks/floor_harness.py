@@ -94,7 +94,7 @@ class Floor:
                 reason=judged.reason,
                 keeps_up=judged.keeps_up,
             )
-            return ProbeOutcome(found, judged.limited_by_player, judged.relative_half_width)
+            return ProbeOutcome(found, judged.limited_by_player)
 
         return PeakSearch(10.0, most_hz, precision, probe).run().holds_hz
 

@@ -179,10 +179,8 @@ def main(argv: list[str] | None = None) -> int:
             show_error(gone)
             return gone.exit_code
         from r2bspec.cli.internal_error import InternalError
-        from r2bspec.execute.processes.prerequisites import limit_error
 
-        limit = limit_error(f"{type(error).__name__}: {error}")
-        failure = limit or InternalError(error)
+        failure = InternalError(error)
         for note in getattr(error, "__notes__", ()):
             failure.add_note(note)
         show_error(failure)

@@ -7,8 +7,7 @@ order (`r2bspec.judge.statistics.t_interval` has the reason).
 
 Every such run is a complete one (`r2bspec.execute.controller`): it loads, starts, warms up, plays
 each rate once, and ends all that it started. Sharing the loaded data would save a second or two,
-and would give the second run of a pair warmer caches than the first. Only the first run of the head
-measures the harness overhead, which is the same for all.
+and would give the second run of a pair warmer caches than the first.
 
 All pairs are in one list, which policies extend (`r2bspec.execute.experiment`). If they fail, half
 as many more confirm it, judged together with all before them.
@@ -49,7 +48,7 @@ from r2bspec.judge.statistics.t_interval import PairOrder, pair_orders
 from r2bspec.judge.verdict import Verdict
 from r2bspec.language.secrets import shown_value
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
-from r2bspec.plan.comparability import single_run_plan, without_overhead
+from r2bspec.plan.comparability import single_run_plan
 from r2bspec.plan.interim_looks import InterimLooks, pairs_that_confirm
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.time_estimate import BOTH_SIDES
@@ -328,7 +327,7 @@ class _Pairs(Experiment[Pair]):
         title = f"start {unit.number} of at most {self._last_number}, of both sides"
         self._progress.phase(BOTH_SIDES, title)
         starts: dict[Side, SideStart] = {
-            side: SideStart(self._plan_of(side), self._folder.path / side / _folder_name(unit))
+            side: SideStart(self._plans[side], self._folder.path / side / _folder_name(unit))
             for side in ("base", "head")
         }
         failures = both.play(starts, self._interrupts.check)
@@ -360,12 +359,6 @@ class _Pairs(Experiment[Pair]):
         self._add_pair(unit, unusable)
         return True
 
-    def _plan_of(self, side: Side) -> Plan:
-        """Return the plan of a run; the harness overhead is that of the head, and measured once."""
-        is_known = any(not pair.unusable for pair in self._pairs)
-        plan = self._plans[side]
-        return plan if side == "head" and not is_known else without_overhead(plan)
-
     def _run(self, side: Side, name: str) -> str:
         """Make a run; return why it cannot be judged, or nothing."""
         self._interrupts.check()
@@ -375,7 +368,7 @@ class _Pairs(Experiment[Pair]):
             applied_environment(side_run.environment),
         ):
             run_plan(
-                self._plan_of(side),
+                self._plans[side],
                 base_dir=side_run.base_dir,
                 folder=folder,
                 run_id=secrets.token_hex(8),

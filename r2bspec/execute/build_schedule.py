@@ -34,7 +34,7 @@ from typing import Literal
 
 import msgspec
 
-from r2bspec.execute.errors import RunError, UnpairedInputError
+from r2bspec.execute.errors import CertainRunError, RunError
 from r2bspec.ipc.buffers import TF, BufferIndex, buffered_transforms, read_index, read_stamps
 from r2bspec.ipc.schedule import (
     NO_STEP,
@@ -270,7 +270,7 @@ def build_schedule(
 
     Raises:
         RunError: an input has no messages, or none that can be scheduled.
-        UnpairedInputError: most messages of an input are left out, and the plan refuses that.
+        CertainRunError: most messages of an input are left out, and the plan refuses that.
     """
     pairs = [(source, _load_input(folder, source, headers[source.topic])) for source in plan.inputs]
     types = {input_.source: headers[input_.topic] for input_ in plan.inputs if input_.bag_topic}
@@ -326,7 +326,7 @@ def _unplayed(
     `left_out` counts them by buffer.
 
     Raises:
-        UnpairedInputError: of some input these are most, and the plan does not agree.
+        CertainRunError: of some input these are most, and the plan does not agree.
     """
     unplayed = tuple(
         UnplayedMessages(
@@ -344,7 +344,7 @@ def _unplayed(
         note(topic.text.replace("were not played", "are not played"))
     refused = [topic for topic in unplayed if topic.is_most and not topic.agreed]
     if refused:
-        raise UnpairedInputError(
+        raise CertainRunError(
             "; ".join(topic.clause for topic in refused),
             hint=refused[0].help,
             code="R2B415",
@@ -362,7 +362,7 @@ def _cyclic_schedule(
     """Return the schedule of a plan without times.
 
     Raises:
-        UnpairedInputError: most messages of an input have no partner, and the spec does not agree.
+        CertainRunError: most messages of an input have no partner, and the spec does not agree.
     """
     columns = [
         number for number, (loaded_input, _) in enumerate(pairs) if not loaded_input.recorded_rate

@@ -21,14 +21,14 @@ from typing import Any, Literal
 from r2bspec.errors import R2bspecError, refusal_hint
 from r2bspec.execute import errors
 from r2bspec.execute.anatomy import events_folder
-from r2bspec.execute.bringup.launcher import Launcher, message_packages
+from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.fill_buffers import buffer_bags, obtain_dataset, played_digest, preprocess
 from r2bspec.execute.identity.identify_graph import graph_identity, observed_identity
 from r2bspec.execute.identity.loaded_files import LoadedFiles
 from r2bspec.execute.measurement.extra_iteration import (
-    ProfiledIteration,
     find_profiler,
     play_observed,
+    play_profiled,
     profiled_processes,
     require_usable,
     wait_for_last_sample,
@@ -47,7 +47,6 @@ from r2bspec.execute.states import Interrupts, Progress, RunState, RunStates
 from r2bspec.extras import install_command
 from r2bspec.ipc.buffers import largest_message_bytes
 from r2bspec.ipc.network import NetworkError, NetworkNamespace
-from r2bspec.ipc.sample_files import ClockOffsetTracker
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import judge_confirmation
 from r2bspec.judge.measure.host_usage import ProcessSamples
@@ -168,7 +167,6 @@ class _Run:
         self._started_at = _now()
         self._machine = describe_machine()
         self._versions = describe_versions()
-        self._wall_clock = ClockOffsetTracker()
         self._datasets: tuple[dict[str, Any], ...] = ()
         self._played = ""
         # Checked several times a second, and empty for most plans.
@@ -184,7 +182,6 @@ class _Run:
             self._check,
             lambda child: resources.add(child.pid),
             run_environment.make_redactor(os.environ),
-            states.clock,
             events,
         )
         self._states = states
@@ -208,7 +205,6 @@ class _Run:
         self._domain = 0
         self._network: NetworkNamespace | None = None
         self._launchers: list[Launcher] = []
-        self._early_launcher: Launcher | None = None
         self._starts = StartSequence(plan, self._context, self._launcher)
         self._measurement = Measurement(plan, self._context, self._starts, self._judge_so_far)
         self._anatomy: AnatomyRecord | None = None
@@ -272,7 +268,6 @@ class _Run:
                 "rclpy is not installed",
                 hint=f"Source a ROS 2 installation, or {install_command('ros')}.",
             )
-        prerequisites.require_address_space()
         require_permitted(self._plan.processes)
         if self._options.profile:
             profiled_processes(self._plan)
@@ -300,12 +295,11 @@ class _Run:
         if self._identity is None:
             self._identity = graph_identity(plan, context.base_dir)
         # Every program exists before any is started, but after the setup steps.
-        with self._states.clock.waiting("programs: found, or built"):
-            for process in plan.processes:
-                prerequisites.resolve_argv(process)
-            if plan.harness.placement == "graph":
-                for make in (join_object, harness_library):
-                    prerequisites.built(make)
+        for process in plan.processes:
+            prerequisites.resolve_argv(process)
+        if plan.harness.placement == "graph":
+            for make in (join_object, harness_library):
+                prerequisites.built(make)
 
     def _fill_buffers(self) -> None:
         """Make the messages that are played, unless the other side of a comparison has them."""
@@ -324,7 +318,6 @@ class _Run:
         plan, context = self._plan, self._context
         if "load" not in plan.phases:
             return
-        self._start_early()
         self._states.enter(RunState.LOAD, f"reading {plan.dataset.source}")
         with self._interrupts.immediate():
             sources = plan.datasets or (plan.dataset,)
@@ -337,24 +330,6 @@ class _Run:
             counts = buffer_bags(bags, sources, context.buffer_dir, context.progress, latched)
         context.note(", ".join(f"{topic}: {count} messages" for topic, count in counts.items()))
         self._interrupts.check()
-
-    def _start_early(self) -> None:
-        """Let the processes that come next import ROS while the recordings are read.
-
-        With the harness in the graph they would ask for it, which they can only later; and what
-        observes them from inside is made with their start.
-        """
-        phase = "preprocess" if "preprocess" in self._plan.phases else MEASURE_PHASE
-        if phase == MEASURE_PHASE and (
-            self._plan.harness.placement == "graph" or self._plan.anatomy
-        ):
-            return
-        self._early_launcher = self._new_launcher(phase)
-        self._early_launcher.start_early(
-            self._plan.processes_in(phase),
-            message_packages(self._plan),
-            observer=phase == MEASURE_PHASE,
-        )
 
     def _preprocess(self) -> None:
         if "preprocess" not in self._plan.phases:
@@ -387,9 +362,7 @@ class _Run:
         wait_for_last_sample(self._starts)
         profiler = find_profiler(self._options.profile)
         self._states.enter(RunState.PROFILE, f"playing one more iteration with {profiler.name}")
-        processes = profiled_processes(self._plan)
-        iteration = ProfiledIteration(profiler, processes, self._starts)
-        self._profiles = iteration.play(self._peak_hz())
+        self._profiles = play_profiled(self._starts, profiler, self._peak_hz())
         for profile in self._profiles:
             outcome = profile.error or ", ".join(profile.files)
             self._context.note(f"profile of {profile.process}: {outcome}")
@@ -444,32 +417,21 @@ class _Run:
 
         Raises:
             InterruptedRunError: a signal has arrived.
-            MemoryLimitError: a process uses more than the spec allows.
+            RunError: a process uses more memory than the spec allows (R2B635).
         """
         self._interrupts.check()
-        self._note_clock_steps()
         if not self._memory_limits:
             return
         for child in self._context.supervisor:
             limit = self._memory_limits.get(child.name)
             resident = self._context.resources.resident(child.pid)
             if limit is not None and resident > limit and not child.exit_expected:
-                raise errors.MemoryLimitError(
+                raise errors.RunError(
                     f"process {child.name} uses {Size(resident)} of memory; "
                     f"its limit is {Size(limit)}",
                     hint="Increase 'memory_limit', or reduce the memory use of the process.",
+                    code="R2B635",
                 )
-
-    def _note_clock_steps(self) -> None:
-        clock = self._wall_clock
-        steps_before, before_ns = clock.steps, clock.total_step_ns
-        clock.update()
-        if clock.steps > steps_before:
-            moved_s = (clock.total_step_ns - before_ns) / 1e9
-            self._context.note(
-                f"the system clock was set by {moved_s:+.3f} s; this does not affect the times of "
-                "this run, which are on the monotonic clock"
-            )
 
     def _launcher(self, phase: str = MEASURE_PHASE) -> Launcher:
         """Return a launcher whose transport is sized for the largest buffered message.
@@ -477,8 +439,6 @@ class _Run:
         Preprocessors may publish larger messages than those in the bag, so each phase has its own.
         """
         launcher = self._new_launcher(phase)
-        if self._early_launcher is not None:
-            launcher.adopt_early(self._early_launcher)
         self._launchers.append(launcher)
         return launcher
 
@@ -580,7 +540,6 @@ class _Run:
         rmw = next(({"rmw": each.rmw} for each in self._launchers if each.rmw), {})
         first, again = (*self._measurement.batches, None, None)[:2]
         starts = self._starts.starts
-        fresh_overhead = next((start.harness_overhead for start in starts if start.confirms), ())
         return RunRecord(
             run_id=self._run_id,
             plan_hash=plan_hash(self._plan),
@@ -596,13 +555,10 @@ class _Run:
             search=first.search_record if first else None,
             sustained=tuple(first.sustained) if first else (),
             events=tuple(self._states.events),
-            harness_overhead=starts[0].harness_overhead if starts else (),
             output_gaps=tuple(silence for start in starts for silence in start.output_gaps),
             differences=self._differences(failure),
             confirmation=ConfirmationRecord(
-                search=again.search_record,
-                sustained=tuple(again.sustained),
-                harness_overhead=fresh_overhead,
+                search=again.search_record, sustained=tuple(again.sustained)
             )
             if again
             else None,
@@ -611,7 +567,6 @@ class _Run:
             unplayed=starts[0].unplayed if starts else (),
             anatomies=self._anatomies(),
             profiles=self._profiles,
-            phases=self._states.clock.phases(),
             identity=self._identity,
             gate=self._options.gate,
             exit_status=failure.exit_code if isinstance(failure, R2bspecError) else 0,
@@ -621,7 +576,7 @@ class _Run:
 _NOT_BY_DISK = (
     errors.GraphDifferencesError,
     errors.InterruptedRunError,
-    errors.UnsupportedError,
+    errors.MiddlewareError,
     errors.UnwritableRunError,
 )
 """Errors that a full disk does not lead to, or that name it."""

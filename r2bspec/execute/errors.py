@@ -50,22 +50,6 @@ class NotInstalledError(CertainRunError):
     code = "R2B620"
 
 
-class OtherMachineError(CertainRunError):
-    """This machine is not what the spec requires."""
-
-    code = "R2B677"
-
-
-class UnpairedInputError(CertainRunError):
-    """Most messages of an input cannot be played; another attempt would not help."""
-
-
-class DatasetMismatchError(CertainRunError):
-    """The hash of the bag differs from the one in the spec."""
-
-    code = "R2B312"
-
-
 class ProcessDiedError(RunError):
     """A process exited before it was stopped.
 
@@ -148,52 +132,16 @@ class StepFailedError(RunError):
     code = "R2B648"
 
 
-class UnsupportedError(CertainRunError):
-    """The plan needs a feature that this version cannot run."""
-
-    code = "R2B619"
-
-
 class NotJoinableError(CertainRunError):
     """Player and monitors cannot run in a process of the graph; another attempt would not help."""
 
     code = "R2B674"
 
 
-class MiddlewareError(UnsupportedError):
+class MiddlewareError(CertainRunError):
     """The plan asks for something that the selected middleware (RMW) cannot be configured for."""
 
     code = "R2B666"
-
-
-class AddressSpaceError(CertainRunError):
-    """A process does not fit into the limit of its address space."""
-
-    code = "R2B678"
-
-
-class ProcessLimitError(CertainRunError):
-    """A limit of this user or control group allows no more processes and threads."""
-
-    code = "R2B679"
-
-
-class NoLoopbackError(CertainRunError):
-    """Processes of this machine cannot reach one another over 127.0.0.1."""
-
-    code = "R2B699"
-
-
-class SharedMemoryError(CertainRunError):
-    """There is less shared memory than the transport needs."""
-
-    code = "R2B664"
-
-
-class MemoryLimitError(RunError):
-    """A process uses more memory than its limit in the spec."""
-
-    code = "R2B635"
 
 
 class UnwritableRunError(RunError):
@@ -207,16 +155,3 @@ class WorkspaceError(CertainRunError):
 
     code = "R2B657"
     way_out = "Give a setup.bash, local_setup.bash or setup.sh that bash can source."
-
-
-class DomainError(CertainRunError):
-    """ROS_DOMAIN_ID is not a valid domain."""
-
-    code = "R2B655"
-
-
-class ProfilerError(CertainRunError):
-    """The profiler is not installed, or may not observe processes."""
-
-    code = "R2B652"
-    way_out = "Install it, or run without --profile."

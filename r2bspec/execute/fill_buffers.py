@@ -31,9 +31,8 @@ from r2bspec.datasets.synthesis import make
 from r2bspec.execute.bringup.launcher import Launcher, message_packages
 from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.diagnose.diagnosis import PhaseGraph
-from r2bspec.execute.diagnose.facts import TRACE_RATE_HZ, TRACE_STEPS, GraphFacts
 from r2bspec.execute.diagnose.first_fault import find_faults
-from r2bspec.execute.errors import DatasetMismatchError, NoOutputError
+from r2bspec.execute.errors import CertainRunError, NoOutputError
 from r2bspec.execute.graph_matching import (
     expected_subscriptions,
     subscription_counts,
@@ -44,7 +43,6 @@ from r2bspec.execute.run_context import RunContext
 from r2bspec.execute.states import Progress
 from r2bspec.ipc import buffers, protocol
 from r2bspec.ipc.protocol import STATIC
-from r2bspec.plan.command_lines import NATIVE_ARGV
 from r2bspec.plan.plan import DatasetPlan, Plan, ProcessPlan
 
 _TIME_NS: Final = attrgetter("time_ns")
@@ -63,7 +61,7 @@ def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> Res
 
     Raises:
         DataError: it does not exist, or cannot be synthesised.
-        DatasetMismatchError: its hash differs from the one in the spec.
+        CertainRunError: its hash differs from the one in the spec (R2B312).
     """
     location = locate(plan.source, base_dir)
     provenance: dict[str, Any] = {"source": plan.source, "kind": location.kind}
@@ -83,9 +81,10 @@ def obtain_dataset(plan: DatasetPlan, base_dir: Path, progress: Progress) -> Res
         path = location.path
         digest = hash_files(path)
     if plan.sha256 and digest.removeprefix("sha256:") != plan.sha256.removeprefix("sha256:"):
-        raise DatasetMismatchError(
+        raise CertainRunError(
             f"the hash of {plan.source} is {digest}, not that in the spec",
             hint="Use the bag that the spec expects, or update data_loader.bag.sha256.",
+            code="R2B312",
         )
     return ResolvedDataset(path, provenance | {"path": str(path), "sha256": digest})
 
@@ -259,7 +258,6 @@ def merge_static(messages: Sequence[bytes]) -> bytes:
 
 _PHASE: Final = "preprocess"
 _LOAD_TIMEOUT_S = 3600.0
-_PLAY_TIMEOUT_S = 60.0
 
 
 def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
@@ -322,7 +320,7 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
         real_time=any(dataset.real_time for dataset in datasets),
     )
     loaded = supervisor.request(loader, load, protocol.Loaded, _LOAD_TIMEOUT_S)
-    _check_outputs(graph, loader, loaded, buffer_dir)
+    _check_outputs(graph, loaded)
     supervisor.end([loader, *nodes])
 
 
@@ -361,14 +359,12 @@ def played_digest(plan: Plan, folder: Path) -> str:
     return whole.hexdigest() if sources else ""
 
 
-def _check_outputs(
-    graph: PhaseGraph, loader: ManagedProcess, loaded: protocol.Loaded, buffer_dir: Path
-) -> None:
+def _check_outputs(graph: PhaseGraph, loaded: protocol.Loaded) -> None:
     """Compare the number of output messages with the number of input messages."""
     silent = [topic for topic, count in loaded.recorded.items() if count == 0]
     published = ", ".join(f"{topic}: {count} messages" for topic, count in loaded.published.items())
     if silent:
-        facts = _trace_messages(graph, loader, buffer_dir)
+        facts = graph.observer.observe(loaded.published | loaded.recorded)
         raise graph.error(
             facts,
             find_faults(facts, silent),
@@ -385,18 +381,3 @@ def _check_outputs(
     for topic, count in loaded.recorded.items():
         if count < sent:
             graph.note(f"{topic}: the preprocessors published {count} messages for {sent} inputs")
-
-
-def _trace_messages(graph: PhaseGraph, loader: ManagedProcess, rows_dir: Path) -> GraphFacts:
-    """Publish some messages again, and count the messages on each topic."""
-    launcher = graph.launcher
-    monitor = launcher.start(
-        ProcessPlan(name="monitor", role="monitor", phase=_PHASE, argv=NATIVE_ARGV, env={})
-    )
-    launcher.configure(monitor, protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir)))
-
-    def play() -> None:
-        command = protocol.Play(rate_hz=TRACE_RATE_HZ, steps=TRACE_STEPS)
-        graph.supervisor.request(loader, command, protocol.Played, _PLAY_TIMEOUT_S)
-
-    return graph.observer.trace(monitor, rows_dir, play)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import msgspec
 
-from r2bspec.execute.bringup.readiness import IdleNodes, StartDeadline
+from r2bspec.execute.bringup.readiness import IdleNodes, StartDeadline, patience_s
 from r2bspec.execute.diagnose.diagnosis import EarlyDiagnosis, PhaseGraph, faults_of
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
@@ -89,13 +89,9 @@ def wait_until_matched(
             another reason.
     """
     idle = IdleNodes(graph.plan, graph.phase, graph.supervisor)
+    patience = patience_s(graph.plan.start_timeout.seconds)
     diagnosis = EarlyDiagnosis(
-        graph.plan,
-        graph.remapped_topics(),
-        lambda: graph.observer.look(),
-        idle_s=idle.update,
-        answer=idle.answer,
-        never_active=graph.lifecycle.never_active,
+        patience, lambda: graph.observer.look(), idle_s=idle.update, answer=idle.answer
     )
     told = False
     while True:
@@ -114,9 +110,8 @@ def wait_until_matched(
             # Those of which something in the graph has changed the states.
             graph.launcher.describe_lifecycle_nodes()
             return
-        certain = diagnosis.certain(missing)
-        if certain or diagnosis.stalled_s or deadline.over:
-            raise graph.not_ready_error(missing, certain, diagnosis.stalled_s)
+        if diagnosis.is_hopeless(missing) or deadline.over:
+            raise graph.not_ready_error(missing, diagnosis.stalled_s, is_over=deadline.over)
         if diagnosis.facts is not None and not told:
             told = True
             faults = faults_of(diagnosis.facts, missing)
@@ -166,15 +161,14 @@ def wait_for_mutual_discovery(graph: PhaseGraph, harness_endpoints: Iterable[End
         child: {(*end,) for node, *end in launcher.endpoints if node in nodes}
         for child, nodes in launcher.hosts.items()
     }
-    with supervisor.waiting("nodes: discovery of the harness"):
-        while any(undiscovered.values()) and time.monotonic() < deadline:
-            for child, waiting in undiscovered.items():
-                if waiting:
-                    found = supervisor.request(child, protocol.CountMatches(), protocol.Matched)
-                    counts = {"publishes": found.counts, "subscribes": found.publisher_counts}
-                    waiting -= {
-                        (topic, kind, does)
-                        for topic, kind, does in waiting
-                        if counts[does].get(topic, 0) >= counterparts[topic, kind, does]
-                    }
-            supervisor.pump(_POLL_S)
+    while any(undiscovered.values()) and time.monotonic() < deadline:
+        for child, waiting in undiscovered.items():
+            if waiting:
+                found = supervisor.request(child, protocol.CountMatches(), protocol.Matched)
+                counts = {"publishes": found.counts, "subscribes": found.publisher_counts}
+                waiting -= {
+                    (topic, kind, does)
+                    for topic, kind, does in waiting
+                    if counts[does].get(topic, 0) >= counterparts[topic, kind, does]
+                }
+        supervisor.pump(_POLL_S)

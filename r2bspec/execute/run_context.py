@@ -1,7 +1,7 @@
 """What every state of a run uses: its context, its time budget, and host interference.
 
-Interference with a probe, a start and the harness overhead is determined as they end; that with
-iterations when the run is judged, from the same samples.
+Interference with a probe is determined as it ends; that with iterations when the run is judged,
+from the same samples.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The states of a run: what each of them does, and which can follow it.
+"""The states of a run, and what each of them does.
 
 `r2bspec.execute.controller` has the states of the whole run, `r2bspec.execute.start.start` those of
 a start, `r2bspec.execute.measurement.measurement` those that measure. The record names the same
-states, as its phases; docs/running.md describes them.
+states, as its events; docs/running.md describes them.
 
 Every state is left early in the same way. A fault of a process, a signal and a memory limit are
 seen wherever the controller waits, and raise an error there; whatever the state, the controller
@@ -16,27 +16,13 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator
 from enum import StrEnum
 from types import FrameType
-from typing import Any, Final, Protocol
+from typing import Any
 
 from r2bspec.execute.errors import InterruptedRunError
-from r2bspec.record.run_record import PhaseTime, WaitTime
 from r2bspec.safe_io.terminal import leave_terminal
-
-
-class SegmentProgress(Protocol):
-    """The progress of a segment; each value is computed only when it is requested."""
-
-    def sent(self) -> int:
-        """Return how many steps have been published."""
-
-    def received(self) -> int:
-        """Return how many messages have been received: the minimum over all monitors."""
-
-    def p99_ns(self) -> int | None:
-        """Return the p99 of the latest latencies; None before the first message."""
 
 
 class Progress:
@@ -51,8 +37,13 @@ class Progress:
     def segment(self, title: str, steps: int) -> None:
         """Receive the begin of a segment of `steps` steps."""
 
-    def playing(self, view: SegmentProgress) -> None:
-        """Receive the progress of the current segment; called four times a second."""
+    def playing(self, sent: int, received: int) -> None:
+        """Receive the progress of the current segment; called four times a second.
+
+        Args:
+            sent: how many steps have been published.
+            received: how many messages have been received: the minimum over all monitors.
+        """
 
     def waiting(self, place: str, left: str) -> None:
         """Receive the place in the queue of this host; called five times a second.
@@ -88,9 +79,6 @@ class RunState(StrEnum):
 
     START = "start"
     """Player and monitors start, and the processes that import ROS."""
-
-    OVERHEAD = "harness_overhead"
-    """The harness plays to itself, before there are nodes: its own latency."""
 
     GRAPH = "graph"
     """The nodes start; all endpoints are matched."""
@@ -132,115 +120,22 @@ class RunState(StrEnum):
     """All processes end."""
 
 
-_FAILED: Final = "anatomy collect"
-"""A start with a profiler, or observed from inside, that fails costs no verdict."""
-
-_AFTERWARDS: Final = "confirm profile anatomy collect"
-_FOLLOWERS: Final = {
-    "prepare": "setup load start",
-    "setup": "load start",
-    "load": "preprocess start",
-    "preprocess": "start",
-    "start": f"harness_overhead graph {_FAILED}",
-    "harness_overhead": "graph",
-    "graph": f"configure activate ready after_ready warm_up {_FAILED}",
-    "configure": f"activate graph {_FAILED}",
-    "activate": f"graph {_FAILED}",
-    "ready": f"after_ready warm_up {_FAILED}",
-    "after_ready": f"warm_up {_FAILED}",
-    # A start with a profiler has none of the first three, nor one with nothing left to measure.
-    "warm_up": f"search sustained play {_AFTERWARDS}",
-    "search": f"sustained play {_AFTERWARDS}",
-    "sustained": f"play {_AFTERWARDS}",
-    "play": f"start {_AFTERWARDS}",
-    "confirm": "start",
-    "profile": f"start {_FAILED}",
-    "anatomy": "start collect",
-    "collect": "",
-}
-NEXT: Final[Mapping[RunState, Set[RunState]]] = {
-    RunState(state): {RunState(name) for name in followers.split()}
-    for state, followers in _FOLLOWERS.items()
-}
-"""Which states can follow each."""
-
-
-class PhaseClock:
-    """Divides the time since its creation into phases, and these into work and waits."""
-
-    def __init__(self) -> None:
-        self._ended: list[PhaseTime] = []
-        self._waits: dict[str, tuple[int, int]] = {}
-        self._is_waiting = False
-        self._start(RunState.PREPARE, time.monotonic_ns())
-
-    def begin(self, name: str) -> None:
-        """End the current phase, and begin the next at the same time."""
-        self._ended = [*self.phases()]
-        self._start(name, self._ended[-1].ended_ns)
-
-    def _start(self, name: str, began_ns: int) -> None:
-        self._name = str(name)
-        self._began_ns, self._began_cpu_ns = began_ns, time.process_time_ns()
-        self._waits = {}
-
-    @contextlib.contextmanager
-    def waiting(self, what: str) -> Iterator[None]:
-        """Count the time of the block as a wait; a nested wait belongs to the outer wait."""
-        if self._is_waiting:
-            yield
-            return
-        began_ns, self._is_waiting = time.monotonic_ns(), True
-        # A phase that begins meanwhile has no part in this wait.
-        waits = self._waits
-        try:
-            yield
-        finally:
-            self._is_waiting = False
-            count, took_ns = waits.get(what, (0, 0))
-            waits[what] = count + 1, took_ns + time.monotonic_ns() - began_ns
-
-    def phases(self) -> tuple[PhaseTime, ...]:
-        """Return all phases; the current phase as if it ended now."""
-        waits = [
-            WaitTime(what=what, count=count, took_ns=took_ns)
-            for what, (count, took_ns) in self._waits.items()
-        ]
-        running = PhaseTime(
-            name=self._name,
-            began_ns=self._began_ns,
-            ended_ns=time.monotonic_ns(),
-            cpu_ns=time.process_time_ns() - self._began_cpu_ns,
-            waits=tuple(sorted(waits, key=lambda wait: wait.took_ns, reverse=True)),
-        )
-        return (*self._ended, running)
-
-
 class RunStates:
     """The current state of a run, its earlier states, and the notes made on the way.
 
     Attributes:
         state: which it is in.
-        clock: how long it was in each.
         events: states and notes, with the time of each (CLOCK_MONOTONIC).
     """
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
         self.state = RunState.PREPARE
-        self.clock = PhaseClock()
         self.events: list[tuple[int, str]] = []
 
     def enter(self, state: RunState, text: str) -> None:
-        """Enter a state; `text` tells the user what happens in it.
-
-        Raises:
-            RuntimeError: it cannot follow the state that the run is in.
-        """
-        if state not in NEXT[self.state]:
-            raise RuntimeError(f"a run cannot go from '{self.state}' to '{state}'")
+        """Enter a state; `text` tells the user what happens in it."""
         self.state = state
-        self.clock.begin(state)
         self.events.append((time.monotonic_ns(), f"phase {state}"))
         self._progress.phase(state.value, text)
 

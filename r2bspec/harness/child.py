@@ -5,19 +5,18 @@ it. A process exits with the status OK on the command to shut down or when the c
 exited, and with FINDINGS_OR_FAILED after it has reported an error.
 
 Some middleware can hang while it is left (`Middleware.may_hang_on_exit`), inside a native call that
-holds the interpreter's lock: no thread of Python would get a turn to end the process then. A timer
-of POSIX does not need one.
+holds the interpreter's lock: no thread of Python would get a turn to end the process then. The one
+of `faulthandler` does not need it.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
+import faulthandler
 import importlib
 import os
 import signal
 import sys
-import time
 import traceback
 from collections.abc import Callable
 from typing import Final, Protocol
@@ -28,53 +27,6 @@ from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
 from r2bspec.middleware.middleware import middleware_of
 from r2bspec.record.files import RUN_UNWRITABLE
-
-_SIGEV_THREAD = 2
-
-
-class _Timespec(ctypes.Structure):
-    """struct timespec."""
-
-    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]
-
-
-class _Itimerspec(ctypes.Structure):
-    """struct itimerspec."""
-
-    _fields_ = [("interval", _Timespec), ("value", _Timespec)]
-
-
-class _Sigevent(ctypes.Structure):
-    """struct sigevent, which is 64 bytes long: here, a function that a new thread calls."""
-
-    _fields_ = [
-        ("value", ctypes.c_void_p),
-        ("signal", ctypes.c_int),
-        ("notify", ctypes.c_int),
-        ("function", ctypes.c_void_p),
-        ("rest", ctypes.c_byte * 40),
-    ]
-
-
-def start_exit_timer(seconds: float, status: int) -> None:
-    """End this process with a status after some time, whatever it is doing then.
-
-    Without such timers in the C library nothing happens; the controller then ends the process.
-    """
-    with contextlib.suppress(OSError, AttributeError):
-        library = ctypes.CDLL(None)
-        event = _Sigevent(
-            value=status,
-            notify=_SIGEV_THREAD,
-            function=ctypes.cast(library._exit, ctypes.c_void_p).value,
-        )
-        timer = ctypes.c_void_p()
-        if library.timer_create(time.CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)):
-            return
-        whole, rest = divmod(seconds, 1.0)
-        when = _Itimerspec(value=_Timespec(int(whole), int(rest * 1e9)))
-        library.timer_settime(timer, 0, ctypes.byref(when), None)
-
 
 _ROLES: Final[dict[type[protocol.Command], str]] = {
     protocol.ConfigureLoader: "loader:Loader",
@@ -186,7 +138,7 @@ if __name__ == "__main__":
         from r2bspec.harness import rclpy_tools
 
         if middleware_of(os.environ).may_hang_on_exit:
-            start_exit_timer(_MAX_EXIT_S, status)
+            faulthandler.dump_traceback_later(_MAX_EXIT_S, exit=True)
         rclpy_tools.finish()
     sys.stdout.flush()
     sys.stderr.flush()

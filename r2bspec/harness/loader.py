@@ -160,8 +160,6 @@ class Loader(GraphParticipant):
                     self._channel.send(protocol.Matched(counts=self._matches()))
                 case protocol.Load(max_output_gap_ns=max_output_gap_ns, real_time=real_time):
                     self._channel.send(self._load(max_output_gap_ns, real_time=real_time))
-                case protocol.Play(rate_hz=rate_hz, steps=steps):
-                    self._channel.send(protocol.Played(steps=self._republish(rate_hz, steps)))
                 case protocol.Shutdown():
                     return
                 case command:
@@ -306,29 +304,6 @@ class Loader(GraphParticipant):
                 last_ns = now_ns
             elif now_ns - last_ns > timeout.final_ns:
                 return
-
-    def _republish(self, rate_hz: float, steps: int) -> int:
-        """Publish the messages of the first stamps once more, so that they can be traced."""
-        sources = [
-            data_source
-            for data_source in self._sources(real_time=False)
-            if data_source.topic in self._publishers
-        ]
-        messages = self._messages(sources)
-        stamps = [
-            *dict.fromkeys(
-                data_source.stamp_ns for data_source in sources if data_source.topic != TF
-            )
-        ][:steps]
-        for number, stamp_ns in enumerate(stamps):
-            if self._channel.wait(1 / rate_hz):
-                return number
-            for stamped in sources:
-                if stamped.stamp_ns == stamp_ns:
-                    self._publishers[stamped.topic].publish(
-                        messages[stamped.topic][stamped.position]
-                    )
-        return len(stamps)
 
     def _interrupted(self) -> bool:
         """Return whether a command has arrived: while loading, this can only be the shutdown."""

@@ -66,8 +66,7 @@ def list_states(node: Node, command: protocol.ListLifecycle) -> protocol.Lifecyc
         command: how long to wait for the answers.
     """
     found = lifecycle_nodes(node.get_service_names_and_types())
-    states = _states(node, found, command.timeout_ns / 1e9)
-    return protocol.LifecycleStates(states=states, managers=_managers(node, found))
+    return protocol.LifecycleStates(states=_states(node, found, command.timeout_ns / 1e9))
 
 
 def _states(node: Node, names: Iterable[str], timeout_s: float) -> dict[str, str]:
@@ -79,21 +78,6 @@ def _states(node: Node, names: Iterable[str], timeout_s: float) -> dict[str, str
         name: str(answers[service].current_state.label) if service in answers else ""
         for name, service in services.items()
     }
-
-
-def _managers(node: Node, managed: list[str]) -> dict[str, tuple[str, ...]]:
-    """The other nodes that have a client of ``change_state``, by the node that they can change."""
-    managers: dict[str, set[str]] = {name: set() for name in managed}
-    for name, namespace in node.get_node_names_and_namespaces() if managed else ():
-        full = f"{namespace.rstrip('/')}/{name}"
-        # A node may end between the two questions.
-        with contextlib.suppress(Exception):
-            for service, _ in node.get_client_names_and_types_by_node(name, namespace):
-                target = service.removesuffix(_CHANGE)
-                if service.endswith(_CHANGE) and target in managers:
-                    managers[target].add(full)
-    own = node.get_fully_qualified_name()
-    return {name: tuple(sorted(found - {own})) for name, found in managers.items() if found - {own}}
 
 
 def change_state(
@@ -188,16 +172,6 @@ def list_graph(node: Node) -> protocol.GraphSnapshot:
         ),
         services=tuple(name for name, _ in node.get_service_names_and_types()),
         topics=tuple(name for name, _ in node.get_topic_names_and_types()),
-    )
-
-
-def list_names(node: Node) -> protocol.NodeNames:
-    """Return the names of each node that discovery shows."""
-    return protocol.NodeNames(
-        names={
-            f"{namespace.rstrip('/')}/{name}": rclpy_tools.names_of(node, name, namespace)
-            for name, namespace in node.get_node_names_and_namespaces()
-        }
     )
 
 
@@ -417,8 +391,6 @@ class GraphParticipant:
                 self._channel.send(discover(self._node, topics))
             case protocol.ListGraph():
                 self._channel.send(list_graph(self._node))
-            case protocol.ListNames():
-                self._channel.send(list_names(self._node))
             case protocol.ListParameters() as question:
                 self._channel.send(list_parameters(question))
             case protocol.ListLifecycle() as question:

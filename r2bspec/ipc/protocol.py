@@ -242,10 +242,6 @@ class ListGraph(Command, frozen=True, kw_only=True, tag=True):
     """Query the nodes, services and topics."""
 
 
-class ListNames(Command, frozen=True, kw_only=True, tag=True):
-    """Query the topics and services of each node."""
-
-
 class ListParameters(Command, frozen=True, kw_only=True, tag=True):
     """Ask all nodes for the names of their parameters, except for these."""
 
@@ -297,8 +293,7 @@ class Load(Command, frozen=True, kw_only=True, tag=True):
 class Play(Command, frozen=True, kw_only=True, tag=True):
     """Publish `steps` steps at `rate_hz`. The reply, `Played`, is sent after the last one.
 
-    A rate of 0 is that of the recording. A loader publishes this number of its first messages
-    again, and records nothing.
+    A rate of 0 is that of the recording.
 
     Attributes:
         begin_ns: when the first step is due, on the monotonic clock; 0 for soon.
@@ -427,12 +422,6 @@ class GraphSnapshot(Reply, frozen=True, kw_only=True, tag=True):
     topics: tuple[str, ...] = ()
 
 
-class NodeNames(Reply, frozen=True, kw_only=True, tag=True):
-    """The topics and services that each node serves or uses, by full names."""
-
-    names: dict[str, tuple[str, ...]]
-
-
 class ParameterLists(Reply, frozen=True, kw_only=True, tag=True):
     """The parameters of nodes that have responded, by full name, and which are lifecycle nodes."""
 
@@ -441,13 +430,9 @@ class ParameterLists(Reply, frozen=True, kw_only=True, tag=True):
 
 
 class LifecycleStates(Reply, frozen=True, kw_only=True, tag=True):
-    """The states of all lifecycle nodes, by full name; empty for one that does not answer.
-
-    `managers` are the nodes that have a client for the transitions of such a node.
-    """
+    """The states of all lifecycle nodes, by full name; empty for one that does not answer."""
 
     states: dict[str, str]
-    managers: dict[str, tuple[str, ...]] = {}
 
 
 class StateChanged(Reply, frozen=True, kw_only=True, tag=True):

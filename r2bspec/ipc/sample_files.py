@@ -129,36 +129,6 @@ _MAX_SLEW = 0.1
 """Smaller changes are not steps: the jitter of reading, and slewing of the clock by up to 10 %."""
 
 
-class ClockOffsetTracker:
-    """Tracks the offset of the two clocks, and its steps.
-
-    Attributes:
-        total_step_ns: the sum of the steps of the system clock since the start.
-        steps: their number.
-    """
-
-    def __init__(
-        self,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-        system_ns: Callable[[], int] = time.time_ns,
-    ) -> None:
-        self._monotonic_ns = monotonic_ns
-        self._system_ns = system_ns
-        self.total_step_ns = 0
-        self.steps = 0
-        self._last_read_ns, self._difference_ns = read_clocks(monotonic_ns, system_ns)
-
-    def update(self) -> int:
-        """Check whether the system clock was set, and return the monotonic time in ns."""
-        now_ns, difference_ns = read_clocks(self._monotonic_ns, self._system_ns)
-        moved_ns = difference_ns - self._difference_ns
-        if abs(moved_ns) > _MIN_STEP_NS + _MAX_SLEW * (now_ns - self._last_read_ns):
-            self.steps += 1
-            self.total_step_ns += moved_ns
-        self._last_read_ns, self._difference_ns = now_ns, difference_ns
-        return now_ns
-
-
 def read_clocks(
     monotonic_ns: Callable[[], int] = time.monotonic_ns, system_ns: Callable[[], int] = time.time_ns
 ) -> tuple[int, int]:

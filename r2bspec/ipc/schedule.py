@@ -22,9 +22,6 @@ from __future__ import annotations
 
 import bisect
 import math
-from collections import defaultdict
-from functools import partial
-from itertools import repeat
 
 import msgspec
 
@@ -33,10 +30,6 @@ NO_STEP = -1
 
 ALL_INPUTS = -1
 """The set of all inputs, as bits."""
-
-
-_Groups = partial(defaultdict[tuple[float, int], int], int)
-"""The inputs, as bits, by their step and the difference of their stamp to that of the step."""
 
 
 class BetweenMessage(msgspec.Struct, frozen=True, array_like=True):
@@ -71,18 +64,6 @@ class CyclicSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="cyclic"):
     columns: tuple[int, ...] = ()
     between: tuple[BetweenMessage, ...] = ()
     stamp_offsets_ns: tuple[tuple[int, ...], ...] = ()
-
-    def stamp_groups(self) -> frozenset[int]:
-        """Return the sets of inputs, as bits, whose messages share a stamp."""
-        columns = self.columns or range(len(self.steps[0]) if self.steps else 0)
-        groups = _Groups()
-        for number in range(len(self.steps)):
-            offsets_ns = self.stamp_offsets_ns[number] if self.stamp_offsets_ns else repeat(0)
-            for column, offset_ns in zip(columns, offsets_ns, strict=False):
-                groups[number, offset_ns] |= 1 << column
-        for extra in self.between:
-            groups[extra.at, 0] |= 1 << extra.input
-        return frozenset(groups.values())
 
     def span_ns(self, rate_hz: float, steps: int) -> int:
         """Return how long `steps` steps take, up to when the following step would be due."""
@@ -151,16 +132,6 @@ class TimelineSchedule(msgspec.Struct, frozen=True, kw_only=True, tag="timeline"
         return msgspec.structs.replace(
             message, offset_ns=turns * self.period_ns + message.offset_ns
         )
-
-    def stamp_groups(self) -> frozenset[int]:
-        """Return the sets of inputs, as bits, whose messages share a stamp."""
-        groups = _Groups()
-        for message in self.messages:
-            if message.step != NO_STEP:
-                offsets_ns = self.stamp_offsets_ns[message.step] if self.stamp_offsets_ns else ()
-                offset_ns = offsets_ns[message.input] if offsets_ns else 0
-                groups[message.step, offset_ns] |= 1 << message.input
-        return frozenset(groups.values())
 
     def span_ns(self, rate_hz: float, steps: int) -> int:
         """Return how long `steps` steps take, up to when the following step would be due."""

@@ -122,7 +122,7 @@ def judge_confirmation(
 
 _OF_RECORD: Final = (
     *("run_id", "status", "reason", "started_at", "ended_at", "plan_hash"),
-    *("dataset", "machine", "versions", "processes", "harness_overhead", "output_gaps"),
+    *("dataset", "machine", "versions", "processes", "output_gaps"),
     *("differences", "left_out", "starts", "unplayed", "profiles", "identity", "gate"),
 )
 """What a result has as the record of its run has it."""

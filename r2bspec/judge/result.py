@@ -14,7 +14,6 @@ from r2bspec.record.comparison_folder import PairRecord
 from r2bspec.record.graph_identity import GraphIdentity, check_machine_facts
 from r2bspec.record.run_record import (
     Difference,
-    HarnessOverheadRecord,
     OutputGapRecord,
     ProcessRecord,
     ProfileRecord,
@@ -64,8 +63,6 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         status: how the run itself went; `reason` says why, where it is not complete.
         plan_hash: of the plan that was run.
-        harness_overhead: latency of harness and transport without the graph; contained in every
-            latency, and never subtracted.
         output_gaps: outputs that stopped, and the node at which their messages end.
         differences: between the running graph and the spec.
         dataset: the recorded messages that were played, with their hash.
@@ -107,7 +104,6 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     machine: dict[str, Any]
     versions: dict[str, str]
     processes: tuple[ProcessRecord, ...]
-    harness_overhead: tuple[HarnessOverheadRecord, ...] = ()
     output_gaps: tuple[OutputGapRecord, ...] = ()
     differences: tuple[Difference, ...] = ()
     spec: str

@@ -49,7 +49,6 @@ from r2bspec.language.spec_graph import (
     ServiceCall,
     SetupStep,
     StartedProcess,
-    ThreadScheduling,
     Variables,
 )
 from r2bspec.language.spec_tune import Tune
@@ -83,7 +82,6 @@ __all__ = [
     "Spec",
     "StartWaits",
     "StartedProcess",
-    "ThreadScheduling",
     "Tune",
 ]
 

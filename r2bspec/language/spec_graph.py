@@ -44,8 +44,9 @@ _Cpus = Annotated[
 _Nice = Annotated[int, key(-5, minimum=-20, maximum=19)]
 
 
-class PolicySettings(Record, frozen=True, kw_only=True):
-    """A policy of the kernel's scheduler.
+class Scheduling(Record, frozen=True, kw_only=True):
+    """How the process is scheduled, with all its threads. What the system does not permit is
+    refused before the run.
 
     Attributes:
         policy: The policy: other is the usual one, batch and idle yield to it, fifo and rr are of
@@ -53,42 +54,10 @@ class PolicySettings(Record, frozen=True, kw_only=True):
         priority: The priority among threads of real time, from 1 to 99; with fifo and rr only.
     """
 
-    policy: Literal["other", "batch", "idle", "fifo", "rr"] | None = None
-    priority: Annotated[int, key(40, minimum=0, maximum=99)] = 0
-
-
-class ThreadScheduling(PolicySettings, frozen=True, kw_only=True):
-    """How the threads of a process with a name are scheduled, from when they are there: when the
-    graph is ready, or after the warm-up.
-
-    Attributes:
-        name: The name of the threads, as 'ps -L -o comm' shows it; * stands for any characters.
-        cpus: The CPUs on which they may run; empty means those of the process.
-        nice: Their niceness.
-    """
-
-    about = key({"name": "dds.*", "policy": "rr", "priority": 60})
-
-    name: Annotated[names.SomeText, key("dds.*")]
-    cpus: _Cpus = ()
-    nice: _Nice = 0
-
-
-class Scheduling(PolicySettings, frozen=True, kw_only=True):
-    """How the process is scheduled, with all its threads. What the system does not permit is
-    refused before the run.
-
-    Attributes:
-        memory_lock: Whether a process of ROS locks its memory, now and later (mlockall).
-        threads: Other settings for threads by their names; of several, the last one counts.
-    """
-
     about = key({"policy": "fifo", "priority": 40})
 
-    memory_lock: bool = False
-    threads: Annotated[
-        tuple[ThreadScheduling, ...], key([{"name": "dds.*", "policy": "rr", "priority": 60}])
-    ] = ()
+    policy: Literal["other", "batch", "idle", "fifo", "rr"] | None = None
+    priority: Annotated[int, key(40, minimum=0, maximum=99)] = 0
 
 
 class ProcessSettings(Record, frozen=True, kw_only=True):

@@ -27,8 +27,7 @@ _SEGMENT_MAXIMUM = 4095 << 20
 """The middleware keeps the size in 32 bits."""
 
 # Processes that miss each other's first announcements meet at the next ones. By default there are
-# five of these in half a second, and then one every three seconds, for which every start waited;
-# player and monitor are older than the graph by as long as measuring the harness overhead takes.
+# five of these in half a second, and then one every three seconds, for which every start waited.
 _PROFILE = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">

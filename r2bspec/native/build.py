@@ -334,9 +334,6 @@ SOCKET_VARIABLE = "R2BSPEC_JOIN_SOCKET"
 PROCESS_VARIABLE = "R2BSPEC_JOIN_PROCESS"
 """Has the name of the process in the plan; what it starts inherits it."""
 
-LOCK_VARIABLE = "R2BSPEC_LOCK_MEMORY"
-"""Whether a process locks its memory; what it starts inherits it."""
-
 _SEPARATORS = " :"
 """No path with one of them can be preloaded."""
 
@@ -415,13 +412,3 @@ def _object(name: str, sources: Sequence[str], flags: Sequence[str]) -> Path:
 def _preload(path: Path, preloaded: str) -> str:
     others = [each for each in preloaded.split(":") if each and each != str(path)]
     return ":".join([str(path), *others])
-
-
-def lock_environment(join: Path, preloaded: str) -> dict[str, str]:
-    """Return the variables with which a process locks its memory when it initialises ROS.
-
-    Args:
-        join: from `join_object`.
-        preloaded: what is preloaded into it already, as in ``LD_PRELOAD``.
-    """
-    return {"LD_PRELOAD": _preload(join, preloaded), LOCK_VARIABLE: "1"}

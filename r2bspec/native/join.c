@@ -1,6 +1,4 @@
 /* Brings the harness into a process of the graph: preloaded, so that the program needs no change.
- * With R2BSPEC_LOCK_MEMORY, it locks the memory of the process: a lock does not survive exec, so that
- * nobody else can do it.
  *
  * It has the name of rcl's initialisation, which every ROS node calls. Before the first call in a
  * process goes on, it asks the controller over a socket whether this is the process that is meant:
@@ -17,7 +15,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
@@ -26,7 +23,6 @@
 
 #define SOCKET_VARIABLE "R2BSPEC_JOIN_SOCKET"
 #define PROCESS_VARIABLE "R2BSPEC_JOIN_PROCESS"
-#define LOCK_VARIABLE "R2BSPEC_LOCK_MEMORY"
 #define MAX_LINE 8192
 
 typedef int init_t(int, char const *const *, const void *, void *);
@@ -138,9 +134,6 @@ EXPORTED int rcl_init(
   const char *socket_path = getenv(SOCKET_VARIABLE), *process = getenv(PROCESS_VARIABLE);
   /* Once: the parts of the harness initialise contexts of their own, during the first call. */
   if (next != NULL && !atomic_flag_test_and_set(&asked)) {
-    if (getenv(LOCK_VARIABLE) != NULL && mlockall(MCL_CURRENT | MCL_FUTURE) < 0) {
-      perror("r2bspec: the memory of this process cannot be locked");
-    }
     if (socket_path != NULL && process != NULL) {
       join(socket_path, process);
     }

@@ -247,12 +247,6 @@ def single_run_plan(plan: Plan) -> Plan:
     )
 
 
-def without_overhead(plan: Plan) -> Plan:
-    """Return the plan without the measurement of the harness overhead."""
-    phases = tuple(phase for phase in plan.phases if phase != "harness_overhead")
-    return msgspec.structs.replace(plan, phases=phases)
-
-
 def _single_iteration(play: PlayPlan) -> PlayPlan:
     return msgspec.structs.replace(play, iterations=1, max_iterations=0)
 

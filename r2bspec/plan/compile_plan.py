@@ -226,7 +226,6 @@ def _phases(spec: Spec, sustained_hz: tuple[float, ...], *, plays: bool) -> Iter
         "load": spec.plays_topics or spec.recorded_calls,
         "preprocess": spec.preprocessors,
         "start": True,
-        "harness_overhead": spec.plays_topics,
         "graph": True,
         "configure": states & {"inactive", "active"},
         "activate": "active" in states,

@@ -397,10 +397,10 @@ _OF_NODES = frozenset({"host", "container", "command"})
 class Plan(Pacing, frozen=True, kw_only=True):
     """The plan of a run.
 
-    `phases` are those of setup, load, preprocess, start, harness_overhead, graph, configure,
-    activate, ready, after_ready, warm_up, search, sustained, play and collect that the run
-    has, in this order. `sustained_hz` are the rates that an objective requires to be sustained,
-    with one sequential probe each.
+    `phases` are those of setup, load, preprocess, start, graph, configure, activate, ready,
+    after_ready, warm_up, search, sustained, play and collect that the run has, in this order.
+    `sustained_hz` are the rates that an objective requires to be sustained, with one sequential
+    probe each.
     `play_at_peak` is played at the peak rate of the search, if an objective needs it; its own rate
     is 0. `largest_message_bytes` is over the bag topics that are used, and 0 if unknown. The fields
     of `Pacing` are keys of the spec.

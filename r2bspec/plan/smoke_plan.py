@@ -12,19 +12,15 @@ from r2bspec.plan.plan import Plan, PlayPlan
 
 _ITERATION_NS: Final = 2_000_000_000
 _WAIT: Final = Duration(500_000_000)
-_LEFT_OUT: Final = frozenset({"harness_overhead", "search", "sustained", "play"})
+_LEFT_OUT: Final = frozenset({"search", "sustained", "play"})
 """Phases of a run to be judged; ``play`` comes back, and may come where there was only a search."""
 
 
 def smoke_plan(plan: Plan) -> Plan:
     """Return the plan with a short iteration at its lowest rate, without probes.
 
-    Nothing is judged.
-
-    The harness overhead is not measured: it says what of a latency is not the graph's, and takes
-    ten seconds at 2 Hz.
-
-    Its objectives have the level `off`, which those of no other plan have: see `is_smoke_plan`.
+    Nothing is judged. Its objectives have the level `off`, which those of no other plan have: see
+    `is_smoke_plan`.
     """
     play = min(plan.play, key=lambda each: each.rate_hz) if plan.play else _lowest_of_search(plan)
     once = msgspec.structs.replace(

@@ -41,7 +41,6 @@ _NVIDIA: Final = Path("/proc/driver/nvidia/gpus")
 _OTHER_GPUS: Final = {"/dev/nvhost-gpu": "NVIDIA Tegra", "/dev/kfd": "AMD"}
 
 
-CAP_IPC_LOCK: Final = 14
 CAP_SYS_NICE: Final = 23
 
 

@@ -14,14 +14,13 @@ from typing import Final
 from r2bspec.diagnostics.quote import time_text
 from r2bspec.language.benchmark_defaults import PROBE, SEARCH_CONFIRMATIONS, SEARCH_PROBES
 from r2bspec.language.spec import StartWaits
-from r2bspec.plan.comparability import pair_count, single_run_plan, without_overhead
+from r2bspec.plan.comparability import pair_count, single_run_plan
 from r2bspec.plan.interim_looks import FIRST_LOOK_BY_TURNS, pairs_that_confirm
 from r2bspec.plan.plan import Plan, PlayPlan
 
 _LOAD_S = 0.5
 _PREPROCESS_S = 10.0
 _HARNESS_START_S = 0.5
-_HARNESS_OVERHEAD_S = 1.5
 _GRAPH_START_S = 0.8
 _PROCESS_START_S = 0.3
 _COLLECT_S = 1.0
@@ -33,7 +32,7 @@ _SIDES_START_S = 5.0
 _TYPICAL_SEARCH = 0.5
 """Of the time that a search may take (the median of simulated ones: 0.3 to 0.7)."""
 
-_SESSION_PHASES = ("start", "harness_overhead", "graph", "warm_up")
+_SESSION_PHASES = ("start", "graph", "warm_up")
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,7 @@ def estimate_time(plan: Plan) -> TimeEstimate:
     play_s = sum(_play_s(play, play.iterations) for play in plan.plays)
     probe_s = plan.search.probe_ns / 1e9 if plan.search is not None else PROBE.seconds
     start_waits_s = sum(wait.seconds for wait in StartWaits.fields_of(plan).values())
-    # Data and schedule are ready, and the harness overhead is known.
+    # Data and schedule are ready.
     later_starts_s = (plan.starts - 1) * (
         _LATER_START_S + _PROCESS_START_S * len(plan.processes) + start_waits_s
     )
@@ -113,7 +112,6 @@ def estimate_time(plan: Plan) -> TimeEstimate:
         "load": _LOAD_S if "load" in plan.phases else 0.0,
         "preprocess": _PREPROCESS_S if "preprocess" in plan.phases else 0.0,
         "start": _HARNESS_START_S,
-        "harness_overhead": _HARNESS_OVERHEAD_S if "harness_overhead" in plan.phases else 0.0,
         "graph": _GRAPH_START_S + _PROCESS_START_S * len(plan.processes),
         "warm_up": start_waits_s,
         "search": _TYPICAL_SEARCH * _most_search_s(plan),
@@ -146,7 +144,7 @@ def estimate_pairs(plan: Plan, pairs: int | None = None) -> TimeEstimate:
         plan: of the head, with all iterations.
         pairs: how many; as many as the plan has iterations if None.
     """
-    once = estimate_time(without_overhead(single_run_plan(plan)))
+    once = estimate_time(single_run_plan(plan))
     played = pairs or pair_count(plan)
     if plan.gate.time_budget_ns:
         played = max(1, min(played, int(plan.gate.time_budget_ns / 1e9 / (2 * once.seconds))))
@@ -167,7 +165,7 @@ def estimate_turns(plan: Plan, starts: int, steps: int, *, base_alone: bool) -> 
         steps: of each side, at each rate, in each start, by turns.
         base_alone: whether the base is also played alone.
     """
-    once = estimate_time(without_overhead(single_run_plan(plan))).phases
+    once = estimate_time(single_run_plan(plan)).phases
     loaded_s = once.get("load", 0.0) + once.get("preprocess", 0.0)
     turns_s = sum(steps / play.rate_hz + _SEGMENT_END_S for play in plan.plays if play.rate_hz)
     # The processes of both sides start at once, on the same cores.

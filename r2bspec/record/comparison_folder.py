@@ -148,9 +148,6 @@ def merge_runs(
             for probe in record.sustained
         ),
         events=tuple(event for record in records for event in record.events),
-        harness_overhead=next(
-            (record.harness_overhead for record in records if record.harness_overhead), ()
-        ),
         confirmation=None,
         output_gaps=tuple(output_gap for record in records for output_gap in record.output_gaps),
         differences=records[0].differences if records else (),

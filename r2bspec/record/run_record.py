@@ -40,43 +40,6 @@ Hertz = Annotated[float, msgspec.Meta(ge=0)]
 Confidence = Annotated[float, msgspec.Meta(ge=0, lt=1)]
 
 
-class WaitTime(msgspec.Struct, frozen=True, kw_only=True):
-    """All waits of the controller for the same thing in one phase.
-
-    Attributes:
-        what: such as ``relay: ready``, or ``answers after the last input``.
-        count: how often it was waited for.
-        took_ns: for how long, all together.
-    """
-
-    what: str
-    count: int
-    took_ns: int
-
-
-class PhaseTime(msgspec.Struct, frozen=True, kw_only=True):
-    """A phase of a run; phases follow each other without gaps. Times are CLOCK_MONOTONIC.
-
-    Attributes:
-        name: as in the events of the record; ``prepare`` before the first of them.
-        began_ns: when it began.
-        ended_ns: when it ended.
-        cpu_ns: the processor time of the controller in it.
-        waits: the longest first. What is left of the phase is work of the controller.
-    """
-
-    name: str
-    began_ns: int
-    ended_ns: int
-    cpu_ns: int
-    waits: tuple[WaitTime, ...] = ()
-
-    @property
-    def took_ns(self) -> int:
-        """The duration."""
-        return self.ended_ns - self.began_ns
-
-
 SegmentKind = Literal[
     "warm_up",
     "probe",
@@ -285,29 +248,14 @@ class ThreadSchedulingRecord(msgspec.Struct, frozen=True, kw_only=True):
     count: int = 1
 
 
-class AppliedSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """The settings of a process after the warm-up, as the kernel reports them.
-
-    A field that is declared here is read back by `r2bspec.execute.processes.scheduling`, and is
-    also a field of `ProcessRecord`.
-
-    Attributes:
-        scheduling: of its threads.
-        locked_bytes: of its memory and that of its descendants.
-    """
-
-    scheduling: tuple[ThreadSchedulingRecord, ...] = ()
-    locked_bytes: int = 0
-
-
-class ProcessRecord(AppliedSettings, frozen=True):
+class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A process of the run.
 
     Attributes:
         exit_code: negative for a signal, None if it is unknown.
         signals: those that the run has sent to it, in order.
         parts: of the harness, if it is a process of the graph that contains some.
-        scheduling, locked_bytes: see `AppliedSettings`.
+        scheduling: of its threads after the warm-up, as the kernel reports it.
     """
 
     name: str
@@ -316,46 +264,13 @@ class ProcessRecord(AppliedSettings, frozen=True):
     exit_code: int | None
     signals: tuple[int, ...] = ()
     parts: tuple[str, ...] = ()
+    scheduling: tuple[ThreadSchedulingRecord, ...] = ()
 
     @property
     def ended_as_told(self) -> bool:
         """Whether it exited with 0, or because of a signal from the run."""
         code = self.exit_code
         return code in {0, None} or any(code in {-signal, 128 + signal} for signal in self.signals)
-
-
-class HarnessOverheadRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """The harness overhead for one input: latency of harness and transport without the graph.
-
-    It is measured before the nodes are started, from the player to a subscription on the input
-    `topic`; `received` of `sent` messages of at most `bytes` bytes arrived. Latency is from
-    publication to the arrival in the middleware, lateness from the due time to publication; None
-    without samples. `disturbed` is the host interference meanwhile, in words. `placement` is that
-    of the harness during the measurement: ``separate``, ``shared`` or ``graph``; `processes` is the
-    number of processes of player and monitor.
-    """
-
-    topic: str
-    bytes: Count
-    rate_hz: Hertz
-    sent: Count
-    received: Count
-    latency_p50_ns: int | None
-    latency_p99_ns: int | None
-    lateness_p50_ns: int | None
-    lateness_p99_ns: int | None
-    disturbed: tuple[str, ...] = ()
-    placement: str = ""
-    processes: int = 0
-
-    @property
-    def latencies_ns(self) -> dict[str, int]:
-        """The percentiles of the latency that are known, by their names."""
-        return {
-            name.removeprefix("latency_").removesuffix("_ns"): value
-            for name in self.__struct_fields__
-            if name.startswith("latency_") and (value := getattr(self, name)) is not None
-        }
 
 
 class OutputGapRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -482,13 +397,11 @@ class ConfirmationRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     Its segments have the kind ``confirmation``. Segments named by the probes in `search` and
     `sustained` belong to these; the others are iterations. Only what the failed requirements need
-    was measured again; otherwise `search` is None and `sustained` empty. `harness_overhead` is
-    that of its own processes, as in `RunRecord`.
+    was measured again; otherwise `search` is None and `sustained` empty.
     """
 
     search: SearchRecord | None
     sustained: tuple[Probe, ...]
-    harness_overhead: tuple[HarnessOverheadRecord, ...] = ()
 
 
 class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -498,21 +411,18 @@ class StartRecord(msgspec.Struct, frozen=True, kw_only=True):
         number: as in `Segment.start`.
         began_ns: when it began: before the processes of the start before it were ended.
         ready_ns: when the graph was warmed up.
-        overhead_ns: the part of the time in between in which the harness overhead was measured;
-            0 in a start that did not measure it.
         confirms: whether it is one of the confirmation run.
     """
 
     number: Number
     began_ns: int
     ready_ns: int
-    overhead_ns: int = 0
     confirms: bool = False
 
     @property
     def cost_ns(self) -> int:
-        """The duration of a start without the harness overhead, which is measured once."""
-        return self.ready_ns - self.began_ns - self.overhead_ns
+        """The duration of the start."""
+        return self.ready_ns - self.began_ns
 
 
 class ProfileRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -613,13 +523,11 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     `sustained` has one probe for each rate of the plan's `sustained_hz`. `dataset` is the bag, with
     its hash; `machine` and `versions` describe host and software. `events` are (monotonic time,
-    text): the beginnings of phases, and notes. `harness_overhead` has one entry for each input; it
-    is empty if nothing is played, or if its measurement would have affected the graph.
-    `confirmation` is the confirmation run, if there was one. `output_gaps` are outputs that
-    stopped; `differences` those between the running graph and the spec. `left_out` has one sentence
-    for each optional part that was not played, with the reason; `unplayed` has the messages of
-    inputs that were not. `starts` are those whose graph was warmed up. `profiles` are those of an
-    iteration that counts for nothing. `phases` say where the time went. `identity` is what the
+    text): the beginnings of phases, and notes. `confirmation` is the confirmation run, if there was
+    one. `output_gaps` are outputs that stopped; `differences` those between the running graph and
+    the spec. `left_out` has one sentence for each optional part that was not played, with the
+    reason; `unplayed` has the messages of inputs that were not. `starts` are those whose graph was
+    warmed up. `profiles` are those of an iteration that counts for nothing. `identity` is what the
     graph consists of; None if that was not determined. `gate` is what reports say of the merge
     gate, one sentence each. `exit_status` is that of the error that ended the run; 0 without an
     error. `samples` has the SHA-256 of every file of samples by its path in the run folder; those
@@ -641,7 +549,6 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     search: SearchRecord | None
     sustained: tuple[Probe, ...]
     events: tuple[tuple[int, str], ...]
-    harness_overhead: tuple[HarnessOverheadRecord, ...] = ()
     confirmation: ConfirmationRecord | None = None
     output_gaps: tuple[OutputGapRecord, ...] = ()
     differences: tuple[Difference, ...] = ()
@@ -650,7 +557,6 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     unplayed: tuple[UnplayedMessages, ...] = ()
     profiles: tuple[ProfileRecord, ...] = ()
     anatomies: tuple[AnatomyRecord, ...] = ()
-    phases: tuple[PhaseTime, ...] = ()
     identity: GraphIdentity | None = None
     gate: tuple[str, ...] = ()
     exit_status: ExitNumber = 0

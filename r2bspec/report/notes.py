@@ -144,11 +144,6 @@ def interference_text(result: Result) -> str:
             [one.reasons for one in result.verdict.disturbed],
         ),
         ("probes", len(probes), [one.disturbed for one in probes]),
-        (
-            "measurements of the overhead",
-            len(result.harness_overhead),
-            [one.disturbed for one in result.harness_overhead],
-        ),
     )
     affected, example = [], ""
     for kind, number, parts in kinds:

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 from r2bspec.diagnostics.plain_text import plain
 from r2bspec.diagnostics.quote import time_text
-from r2bspec.execute.states import Progress, SegmentProgress
-from r2bspec.judge.measure.units import show
+from r2bspec.execute.states import Progress
 from r2bspec.plan.time_estimate import BOTH_SIDES, TimeEstimate
 from r2bspec.report.output import console, write
 
@@ -121,13 +120,9 @@ _REFRESH_INTERVAL_S = 0.5
 """Faster updates are not readable, and each takes time from the run."""
 
 
-def progress_text(progress: SegmentProgress, steps: int) -> str:
+def progress_text(sent: int, received: int, steps: int) -> str:
     """Return the progress of a segment of `steps` steps, in a line."""
-    p99_ns = progress.p99_ns()
-    parts = [f"{progress.sent()} of {steps} sent", f"{progress.received()} received"]
-    if p99_ns is not None:
-        parts.append(f"p99 {show(p99_ns / 1e9, 's')}")
-    return " · ".join(parts)
+    return f"{sent} of {steps} sent · {received} received"
 
 
 class _ShownProgress(Progress):
@@ -201,11 +196,11 @@ class _Lines(_ShownProgress):
             self._write_line(f"  {title}")
             self._next = time.monotonic() + _LINE_INTERVAL_S
 
-    def playing(self, view: SegmentProgress) -> None:
+    def playing(self, sent: int, received: int) -> None:
         if self._rare:
-            self._write_rarely(progress_text(view, self._steps))
+            self._write_rarely(progress_text(sent, received, self._steps))
         elif self._is_due(_LINE_INTERVAL_S):
-            self._write_line(f"    {progress_text(view, self._steps)}", self._rest())
+            self._write_line(f"    {progress_text(sent, received, self._steps)}", self._rest())
 
     def _show_place(self, place: str, left: str) -> None:
         self._write_line(place, left)
@@ -247,9 +242,9 @@ class _Live(_ShownProgress):
         super().segment(title, steps)
         self._show(title)
 
-    def playing(self, view: SegmentProgress) -> None:
+    def playing(self, sent: int, received: int) -> None:
         if self._is_due(_REFRESH_INTERVAL_S):
-            self._show(f"{self._title}: {progress_text(view, self._steps)}")
+            self._show(f"{self._title}: {progress_text(sent, received, self._steps)}")
 
     def _show_place(self, place: str, left: str) -> None:
         self._phase_text = place

@@ -370,8 +370,6 @@ def _load_blocks(result: Result) -> Iterator[Block]:
     if devices := tuple(_device_rows(rates)):
         names = (Column("metric", number=False), Column("offered"), Column("value"))
         yield Table("devices", names, devices, "GPUs (NVML) and processor packages (RAPL)")
-    if result.harness_overhead:
-        yield _overhead_table(result)
 
 
 def _load_rows(rates: Sequence[RateMetrics], columns: Sequence[MetricInfo]) -> Iterator[Row]:
@@ -418,32 +416,6 @@ def _share_cell(share: float, path: str) -> Cell:
     """Return a share of a core; whole percents from 10 on: it is counted no finer."""
     text = significant(share * 100, 2) if share < 0.1 else f"{share * 100:.0f}"
     return Cell(f"{text} %", share, path)
-
-
-def _overhead_table(result: Result) -> Table:
-    rows = tuple(
-        Row(
-            (
-                Cell(one.topic),
-                Cell(show(float(one.bytes), "B")),
-                Cell(show_rate(one.rate_hz, "recording")),
-                *(
-                    Cell("-" if value is None else show(value / 1e9, "s"))
-                    for value in (one.latency_p50_ns, one.latency_p99_ns)
-                ),
-                Cell(f"{one.received} of {one.sent}"),
-            )
-        )
-        for one in result.harness_overhead
-    )
-    columns = ("size", "at", "p50", "p99", "received")
-    where = wording.overhead_placement(result.harness_overhead)
-    return Table(
-        "harness overhead",
-        (Column("input", number=False), *map(Column, columns)),
-        rows,
-        f"latency without the graph{where and ', '}{where}; included in the latencies above",
-    )
 
 
 # Where messages spent their time.

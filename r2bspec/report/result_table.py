@@ -18,7 +18,6 @@ from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics, RunMetric
 from r2bspec.judge.measure.units import show_range, show_rate
 from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import RequirementVerdict
-from r2bspec.record.run_record import HarnessOverheadRecord
 
 
 def summary_metrics(outputs: Outputs = "answers") -> list[MetricInfo]:
@@ -115,7 +114,7 @@ _Value = tuple[str, str, str, float | None]
 
 
 def result_rows(result: Result) -> Iterator[Row]:
-    """Yield all values by rate, pooled first, then by iteration; peak, overhead and ratios last."""
+    """Yield all values by rate, pooled first, then by iteration; peak and ratios last."""
     for offered_hz, iteration, values in _groups(result):
         for monitor, metric, unit, value in values:
             if value is not None:
@@ -132,8 +131,6 @@ def _groups(result: Result) -> Iterator[tuple[float | None, int | None, Iterable
         # Without the second the peak has no upper bound.
         ends = {"peak.rate": search.holds_hz, "peak.below": search.upper_hz}
         yield None, None, [("", metric, "Hz", value) for metric, value in ends.items()]
-    for overhead in result.harness_overhead:
-        yield overhead.rate_hz, None, _harness_overhead(overhead)
     for requirement in result.verdict.requirements:
         yield requirement.at_hz, None, _compared(requirement)
 
@@ -150,14 +147,6 @@ def _segment(segment: SegmentMetrics) -> Iterator[_Value]:
                 yield "", f"{name}.{part}", unit, part_value(value, part)
         else:
             yield "", name, unit, value
-
-
-def _harness_overhead(overhead: HarnessOverheadRecord) -> Iterator[_Value]:
-    """Yield the overhead on one input, whose topic is the monitor of these rows."""
-    for part, value_ns in overhead.latencies_ns.items():
-        yield overhead.topic, f"harness_overhead.{part}", "s", value_ns / 1e9
-    yield overhead.topic, "harness_overhead.received", "count", overhead.received
-    yield overhead.topic, "harness_overhead.processes", "count", overhead.processes
 
 
 def _compared(requirement: RequirementVerdict) -> Iterator[_Value]:

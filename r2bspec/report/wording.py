@@ -27,7 +27,7 @@ from r2bspec.judge.result import Result
 from r2bspec.judge.verdict import OverallOutcome, RequirementVerdict, Verdict
 from r2bspec.language.comparison_grammar import ComparisonError, Requirement, parse_requirement
 from r2bspec.record.graph_identity import revision_text
-from r2bspec.record.run_record import HarnessOverheadRecord, Probe, SearchRecord, StartRecord
+from r2bspec.record.run_record import Probe, SearchRecord, StartRecord
 
 OUTCOME_WORDS: Final[dict[OverallOutcome, str]] = {
     "pass": "✔ PASS",
@@ -477,9 +477,3 @@ def starts_text(starts: Sequence[StartRecord]) -> str:
         text += f" and {confirming} to confirm"
     cost_s = statistics.median(start.cost_ns for start in (starts[1:] or starts)) / 1e9
     return f"{text}, {show(cost_s, 's', 2)}{' each' if len(starts) > 1 else ''}"
-
-
-def overhead_placement(overheads: tuple[HarnessOverheadRecord, ...]) -> str:
-    """Return between how many processes the overhead was measured; empty if unknown."""
-    processes = max((overhead.processes for overhead in overheads), default=0)
-    return {1: "within one process", 2: "between two processes"}.get(processes, "")

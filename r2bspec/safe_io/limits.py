@@ -114,9 +114,3 @@ MAX_FLEET_ARCHIVE_FILES: Final = 20_000
 """A folder that a command names may be a whole workspace."""
 MAX_RUN_FOLDER_LEVELS: Final = 100
 """Folders inside each other in a run folder; what is deeper was left there by a node."""
-
-# Memory
-
-MIN_RUN_ADDRESS_SPACE: Final = 640 << 20
-"""The observer has 880 MiB with rclpy, NumPy and OpenBLAS on two cores, and more on more of them:
-with less it certainly cannot start."""

@@ -29,7 +29,7 @@ from r2bspec.language.quantities import Rate
 from r2bspec.language.selected_spec import SpecSelection
 from r2bspec.language.spec import Objective
 from r2bspec.plan.canonical_json import plan_hash
-from r2bspec.plan.comparability import single_run_plan, without_overhead
+from r2bspec.plan.comparability import single_run_plan
 from r2bspec.plan.plan import Plan
 from r2bspec.plan.time_estimate import estimate_time
 from r2bspec.record.run_folder import open_run
@@ -150,7 +150,7 @@ class RealMachine:
         if first != combination:
             same = changes_text(self.space.changes(first), self.space.values)
             return Start(outcome="refused", reason=f"the plan is that of {same}")
-        plan = single_run_plan(without_overhead(prepared.plan))
+        plan = single_run_plan(prepared.plan)
         start = self._play(replace(prepared, plan=plan), name)
         if start.outcome == "invalid":
             start = self._play(replace(prepared, plan=plan), f"{name}-again")
@@ -271,7 +271,7 @@ def _within(plan: Plan, limit_s: float) -> Plan:
     """Return the plan of a proof, which ends in time, and of which no failure is confirmed."""
     budget_ns = max(1, int(limit_s * 1e9))
     gate = msgspec.structs.replace(plan.gate, confirm=False, time_budget_ns=budget_ns)
-    return msgspec.structs.replace(without_overhead(plan), gate=gate)
+    return msgspec.structs.replace(plan, gate=gate)
 
 
 def _furthest_miss(verdict: Verdict, plan: Plan) -> tuple[float, str]:

@@ -15,7 +15,7 @@ pytest.importorskip("rclpy")
 
 from c_nodes import c_node, c_node_spec
 from r2bspec.record.run_record import ProcessRecord
-from ros_runs import IMAGE, MEASURED, Bench, Finished, relay_node, relay_spec
+from ros_runs import IMAGE, Bench, Finished, relay_node, relay_spec
 from ros_runs import bench as bench
 
 GRAPH: dict[str, Any] = {"placement": "graph"}
@@ -77,17 +77,6 @@ def test_player_and_monitors_run_where_their_topics_are(bench: Bench) -> None:
     assert done.monitor()["latency"]["min"] >= 0.0025
     # What a node starts does not inherit the harness.
     assert "inherited: []" in done.log("first")
-
-
-@only_nightly()
-def test_the_overhead_is_measured_in_a_process_of_its_own(bench: Bench) -> None:
-    done = bench.run(relay_spec(harness=GRAPH, playback=MEASURED))
-    done.assert_counts(STEPS)
-    assert done.run().record.processes[0].name == "harness"
-    (overhead,) = done.run().record.harness_overhead
-    assert (overhead.placement, overhead.processes) == ("graph", 1)
-    assert overhead.received == overhead.sent
-    assert "latency without the graph, within one process" in done.stdout
 
 
 @only_nightly()

@@ -64,7 +64,6 @@ def test_a_smoke_run_plays_one_short_iteration(bench: Bench) -> None:
     (iteration,) = done.segments()
     assert iteration.steps <= 41
     assert record.search is None
-    assert (record.harness_overhead, record.starts[0].overhead_ns) == ((), 0)
     verdict = done.result()["verdict"]
     assert verdict["requirements"] == []
     assert verdict["reason"].endswith("a smoke run does not judge the SLOs.")

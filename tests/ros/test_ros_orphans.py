@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 pytest.importorskip("rclpy")
 
-from r2bspec.execute.processes.resources import OrphanFinder
+from r2bspec.execute.processes.resources import Members
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
 from ros_runs import IMAGE, Bench, relay_spec
 from ros_runs import bench as bench
@@ -84,6 +84,6 @@ def test_a_process_that_is_just_being_started_is_no_orphan() -> None:
         command, env=environment, stdin=subprocess.PIPE, start_new_session=True
     ) as process:
         try:
-            assert OrphanFinder("a run").find({}, {}, unknown=-1) == {}
+            assert Members("a run").find({}, unknown=-1) == {}
         finally:
             process.kill()

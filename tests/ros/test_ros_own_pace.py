@@ -5,15 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nightly import only_nightly
-
 pytest.importorskip("rclpy")
 
-from c_nodes import c_node_spec
-from plans import process_plan
-from r2bspec.execute.errors import RunError
-from r2bspec.execute.processes.scheduling import require_permitted
-from r2bspec.language.spec import Scheduling
 from ros_runs import IMAGE, Bench, Finished, relay_spec
 from ros_runs import bench as bench
 
@@ -40,17 +33,6 @@ class Ticks(Node):
 """
 
 
-def may_lock() -> bool:
-    try:
-        require_permitted([process_plan("any", scheduling=Scheduling(memory_lock=True))])
-    except RunError:
-        return False
-    return True
-
-
-MAY_LOCK = may_lock()
-
-
 @pytest.fixture(scope="module")
 def done(bench: Bench) -> Finished:
     spec = relay_spec(
@@ -58,10 +40,7 @@ def done(bench: Bench) -> Finished:
             "nodes": {
                 "ticks": {
                     "python": "./nodes.py:Ticks",
-                    "scheduling": {
-                        "threads": [{"name": "*", "policy": "batch"}],
-                        "memory_lock": MAY_LOCK,
-                    },
+                    "scheduling": {"policy": "batch"},
                 }
             }
         },
@@ -113,21 +92,3 @@ def test_what_the_threads_of_the_node_were_given_is_in_the_record(done: Finished
     assert sum(each.count for each in threads["ticks"]) > 1
     assert {each.policy for each in threads["ticks"]} == {"batch"}
     assert threads["monitor"] == ()
-
-
-@pytest.mark.skipif(not MAY_LOCK, reason="a memory lock is not permitted")
-def test_the_memory_of_the_node_is_locked(done: Finished) -> None:
-    locked = {process.name: process.locked_bytes for process in done.run().record.processes}
-    assert locked["ticks"] > 10_000_000
-    assert locked["monitor"] == 0
-
-
-@only_nightly()
-@pytest.mark.skipif(not MAY_LOCK, reason="a memory lock is not permitted")
-def test_the_memory_of_a_program_with_the_harness_in_it_is_locked(bench: Bench) -> None:
-    relay = c_node_spec("relay", scheduling={"memory_lock": True})
-    spec = relay_spec(graph={"nodes": {"relay": relay}}, harness={"placement": "graph"})
-    done = bench.run(spec)
-    done.assert_counts(20)
-    locked = {process.name: process.locked_bytes for process in done.run().record.processes}
-    assert locked["relay"] > 10_000_000

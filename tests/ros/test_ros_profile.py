@@ -15,7 +15,7 @@ from nightly import only_nightly
 pytest.importorskip("rclpy")
 
 from c_nodes import c_node_spec
-from r2bspec.execute.errors import ProfilerError
+from r2bspec.execute.errors import CertainRunError
 from r2bspec.execute.measurement.extra_iteration import find_profiler, require_usable
 from r2bspec.record.run_record import ProfileRecord
 from ros_runs import Bench, Finished, relay_node, relay_spec
@@ -43,7 +43,7 @@ echo report > "$output.nsys-rep"
 def require(name: str) -> None:
     try:
         require_usable(find_profiler(name))
-    except ProfilerError as error:
+    except CertainRunError as error:
         pytest.skip(f"{error}; {error.hint}")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import pytest
@@ -59,7 +58,7 @@ def spec(counter: str, *, iterations: int, starts: int, **changes: Any) -> dict[
 
 @pytest.fixture(scope="module")
 def done(bench: Bench) -> Finished:
-    """Three starts, with the overhead of the harness."""
+    """Three starts."""
     used = spec("starts.txt", iterations=ITERATIONS, starts=3, playback=MEASURED)
     finished = bench.run(used)
     finished.assert_complete()
@@ -73,12 +72,6 @@ def starts_of(done: Finished, kind: str) -> list[tuple[str, int]]:
 
 def pids(done: Finished, name: str) -> list[int]:
     return [process.pid for process in done.run().record.processes if process.name == name]
-
-
-def phase(done: Finished, name: str, number: int = 0) -> tuple[int, int]:
-    """When a phase of a name began and ended."""
-    found = [each for each in done.run().record.phases if each.name == name]
-    return found[number].began_ns, found[number].ended_ns
 
 
 # The starts
@@ -114,66 +107,11 @@ def test_a_start_is_complete_before_its_first_iteration(done: Finished) -> None:
         assert all(start.began_ns < each.began_ns for each in own)
         assert all(start.ready_ns < each.began_ns for each in own if each.kind == "iteration")
     # What does not depend on the processes is done once.
-    for name in ("load", "harness_overhead"):
-        assert done.events().count(f"phase {name}") == 1
+    assert done.events().count("phase load") == 1
     # All steps of all starts were answered, and none by an earlier start.
     (rate,) = done.result()["metrics"]["rates"]
     answered = [each["monitors"]["out"]["values"]["answered"] for each in rate["iterations"]]
     assert answered == [5] * ITERATIONS
-
-
-# What is done at the same time, and how long each part takes
-
-
-def test_nodes_are_idle_while_the_overhead_is_measured(done: Finished) -> None:
-    record, rows = done.run().record, done.run().resources()
-    began_ns, ended_ns = phase(done, "harness_overhead")
-    for name in ("relay", "harness.observer"):
-        index = [process.name for process in record.processes].index(name)
-        used = rows[rows["process"] == index]
-        meanwhile = used[(used["time_ns"] > began_ns) & (used["time_ns"] <= ended_ns)]["cpu_s"]
-        assert meanwhile.size, name
-        # Almost all of its processor time until then was that of its imports.
-        assert meanwhile[-1] - meanwhile[0] <= 0.1 * meanwhile[-1], name
-    waits = {each.name: each.waits for each in reversed(record.phases)}
-    assert {"relay: prepared", "harness.observer: prepared"} <= {
-        each.what for each in waits["start"]
-    }
-
-
-def test_the_phases_of_the_record_are_those_of_its_events(done: Finished) -> None:
-    record = done.run().record
-    named = [text for _, text in record.events if text.startswith("phase ")]
-    assert [f"phase {each.name}" for each in record.phases] == ["phase prepare", *named]
-    for before, after in itertools.pairwise(record.phases):
-        assert before.ended_ns <= after.began_ns
-    # Segments lie in the phases that play them.
-    for segment in record.segments:
-        name = "warm_up" if segment.kind == "warm_up" else "play"
-        began_ns, ended_ns = phase(done, name, segment.start - 1)
-        assert began_ns <= segment.began_ns <= ended_ns
-
-
-# The overhead of the harness
-
-
-def test_each_run_has_the_overhead_of_its_input(done: Finished) -> None:
-    (overhead,) = done.run().record.harness_overhead
-    assert overhead.topic.endswith("/input")
-    assert overhead.rate_hz == 20.0
-    assert overhead.sent == overhead.received == 20
-    assert overhead.bytes > 64 * 48 * 3
-    assert overhead.latency_p50_ns is not None
-    assert overhead.latency_p99_ns is not None
-    assert 0 < overhead.latency_p50_ns <= overhead.latency_p99_ns
-
-
-def test_what_was_played_for_the_overhead_is_in_no_segment(done: Finished) -> None:
-    run = done.run()
-    for segment in run.record.segments:
-        playback, out = run.playback(segment), run.monitor(segment, "out")
-        assert playback.size == segment.steps
-        assert set(out["stamp_ns"]) <= set(playback["stamp_ns"])
 
 
 # What goes wrong in a later start
@@ -222,8 +160,6 @@ def test_a_failure_is_confirmed_by_as_many_fresh_starts(bench: Bench) -> None:
     ]
     record = done.run().record
     assert [start.confirms for start in record.starts] == STARTS * [False] + STARTS * [True]
-    # The harness of the confirmation is compared with that of the run, once.
-    assert done.events().count("phase harness_overhead") == 2
     assert len(set(pids(done, "relay"))) == 2 * STARTS
     assert all(process.exit_code is not None for process in record.processes)
     # A disturbance may make the fresh batch unusable; then it says so, and nothing fails.

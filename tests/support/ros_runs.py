@@ -113,14 +113,13 @@ def relay_spec(**changes: Any) -> dict[str, Any]:
 
 
 MEASURED = {"buffer": 5, "inputs": {"input": {"from": "loaded", "format": IMAGE}}}
-"""Playback with an input whose harness overhead is measured, unlike that of `quick_input`."""
+"""Playback with an input that is volatile, unlike that of `quick_input`."""
 
 
 def quick_input(source: str, kind: str = IMAGE) -> dict[str, Any]:
     """An input as a spec declares it.
 
-    It is kept for late joiners, which nobody here is: for such inputs no floor is measured before
-    the graph is started, which saves each run some seconds.
+    It is kept for late joiners, which nobody here is.
     """
     return {"from": source, "format": kind, "qos": {"durability": "transient_local"}}
 

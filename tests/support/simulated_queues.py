@@ -254,7 +254,6 @@ class Searching:
                 lost_at_most=found.judgement.lost_at_most,
                 played_s=found.stopped_s,
             ),
-            relative_half_width=found.judgement.relative_half_width,
             departures=departures,
             drop_share=found.delivery.drop_share,
         )

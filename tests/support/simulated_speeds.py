@@ -191,7 +191,11 @@ RARE: Final[dict[str, World]] = {
         for after_s in (20.0, 60.0, 120.0)
     },
 }
-WORLDS: Final = _USUAL | FALLING | RARE
+SLOWING: Final[dict[str, World]] = {
+    f"0.97 of its speed after {after_s:g} s": World(_throttled(0.97, after_s), variation=0.1)
+    for after_s in (45.0, 60.0)
+}
+WORLDS: Final = _USUAL | FALLING | RARE | SLOWING
 
 
 @dataclass

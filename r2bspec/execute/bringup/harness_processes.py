@@ -27,14 +27,13 @@ from typing import Any, Final, Literal
 import msgspec
 
 from r2bspec.execute.bringup.launcher import Launcher
-from r2bspec.execute.bringup.readiness import IdleTime, patience_s, starts_others
+from r2bspec.execute.bringup.readiness import IdleTime
 from r2bspec.execute.errors import NotJoinableError
 from r2bspec.execute.processes.resources import family
 from r2bspec.execute.processes.supervisor import ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.native.build import join_environment
-from r2bspec.plan.command_lines import NATIVE_ARGV
 from r2bspec.plan.plan import JoinPlan, MonitorPlan, Plan, ProcessPlan
 
 _MAX_SOCKET_PATH: Final = 107
@@ -51,7 +50,6 @@ _SETTLED_S: Final = 1.0
 _PEER: Final = struct.Struct("3i")
 """Process, user and group, as in ``struct ucred``."""
 
-_RCL: Final = b"/librcl.so"
 _WRAPPERS: Final = ("ros2", "launch")
 """Programs that initialise ROS for themselves before they start the node."""
 
@@ -168,15 +166,9 @@ class GraphJoins:
     def _wait_for(
         self, child: ManagedProcess, plan: ProcessPlan, timeout_s: float
     ) -> tuple[Hello, socket.socket]:
-        """Wait until the process that is meant asks.
-
-        A process that does nothing, and in which nothing has loaded ROS, is not waited for until
-        the deadline; a launch file may start its nodes with a delay.
-        """
+        """Wait until the process that is meant asks."""
         program = plan.join.program if plan.join is not None else ""
         seen: list[str] = []
-        idle = IdleTime(lambda: family(child.pid))
-        limit_s = timeout_s if starts_others(plan) else patience_s(timeout_s)
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             self.poll()
@@ -191,12 +183,6 @@ class GraphJoins:
                     return hello, connection
                 seen.append(" ".join(hello.arguments[:3]))
                 connection.close()
-            if idle.update() > limit_s and not has_loaded_ros(family(child.pid)):
-                raise not_joinable(
-                    child.name,
-                    f"none of its programs has loaded ROS, and they have been idle for "
-                    f"{limit_s:.3g} s",
-                )
             self._supervisor.pump(_POLL_S)
         others = f" (others did: {'; '.join(seen[:5])})" if seen else ""
         raise not_joinable(
@@ -286,19 +272,6 @@ def not_joinable(name: str, reason: str, hint: str = "") -> NotJoinableError:
         "library loads nothing. Write 'harness: {placement: separate}', or name another process "
         "with 'in'.",
     )
-
-
-def has_loaded_ros(pids: Iterable[int]) -> bool:
-    """Return True if a process has loaded ROS, or if its memory map cannot be read."""
-    for pid in pids:
-        try:
-            if _RCL in Path(f"/proc/{pid}/maps").read_bytes():
-                return True
-        except FileNotFoundError:
-            continue
-        except OSError:
-            return True
-    return False
 
 
 def is_target_process(hello: Hello, program: str) -> bool:
@@ -450,22 +423,6 @@ class GraphHarness:
     def monitor(self) -> ManagedProcess:
         """All monitors, commanded as one."""
         return self._monitors[0][0] if len(self._monitors) == 1 else MonitorGroup(self._monitors)
-
-
-def overhead_processes(processes: Iterable[ProcessPlan]) -> tuple[ProcessPlan, ...]:
-    """Return the processes that measure the overhead of the harness before the graph starts.
-
-    It is one process if one process of the graph has all parts, else two, so that messages pass
-    from player to monitor as they will pass to and from the nodes. If a process has several
-    programs, one of them has the parts, and another may be at the other end of the graph.
-    """
-    joins = [process.join for process in processes if process.join is not None]
-    is_one = len(joins) == 1 and not joins[0].program
-    roles: tuple[HarnessRole, ...] = ("harness",) if is_one else _PARTS
-    return tuple(
-        ProcessPlan(name=role, role=role, phase="measure", argv=NATIVE_ARGV, env={})
-        for role in roles
-    )
 
 
 class MonitorGroup(ManagedProcess):

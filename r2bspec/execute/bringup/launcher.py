@@ -20,17 +20,16 @@ from r2bspec.execute.bringup.node_faults import (
     not_loaded,
     require_declared_parameters,
     unmatched_remappings,
-    unused_executor,
 )
 from r2bspec.execute.bringup.readiness import StartDeadline
 from r2bspec.execute.errors import ProcessDiedError, ProcessFailedError, StepFailedError
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.process import describe_exit, shorten_slice
-from r2bspec.execute.processes.scheduling import apply_to_process, has_memory_lock
+from r2bspec.execute.processes.scheduling import apply_to_process
 from r2bspec.execute.processes.supervisor import REPLY_TIMEOUT_S, ManagedProcess, ProcessSupervisor
 from r2bspec.ipc import protocol
-from r2bspec.native.build import harness_library, join_object, lock_environment
+from r2bspec.native.build import harness_library
 from r2bspec.plan.command_lines import NATIVE_ARGV, container_node_name
 from r2bspec.plan.plan import HARNESS_ROLES, AfterReadyPlan, NodePlan, Plan, ProcessPlan, SetupPlan
 from r2bspec.record.run_folder import RunFolder
@@ -94,14 +93,13 @@ class Launcher:
         self.programs: set[str] = set()
         self._lifecycle_hosts: list[ManagedProcess] = []
         self._early: dict[str, ManagedProcess] = {}
-        self._importing: list[ManagedProcess] = []
         self._ready_observers: set[ManagedProcess] = set()
 
     def check_shared_memory(self, plan: Plan, phase: str) -> None:
         """Check that there is enough shared memory for the processes of a phase.
 
         Raises:
-            SharedMemoryError: there is too little.
+            CertainRunError: there is too little (R2B664).
         """
         environment = self._environment
         prerequisites.require_free_shared_memory(
@@ -128,9 +126,6 @@ class Launcher:
             variables = self.joins.environment(plan.name, variables)
         if self.anatomy is not None:
             variables = self.anatomy.environment(plan, variables)
-        if has_memory_lock(plan):
-            preloaded = variables.get("LD_PRELOAD", "")
-            variables |= lock_environment(prerequisites.built(join_object), preloaded)
         child = self._supervisor.start(
             plan.name,
             plan.role,
@@ -202,28 +197,6 @@ class Launcher:
     def _import_early(self, child: ManagedProcess, packages: tuple[str, ...]) -> None:
         child.send(protocol.Prepare(packages=packages))
         self._early[child.name] = child
-        self._importing.append(child)
-
-    def wait_until_imported(self) -> None:
-        """Wait until processes that were started early have imported ROS, and are idle.
-
-        Raises:
-            RunError: one does not do it in time, or exits.
-        """
-        while self._importing:
-            child = self._importing[0]
-            self._supervisor.answer(child, protocol.Prepared, _CONFIGURE_TIMEOUT_S)
-            self._importing.remove(child)
-
-    def adopt_early(self, other: Launcher) -> None:
-        """Take over what another launcher has started early, unless the environments differ."""
-        early, other._early = other._early, {}
-        importing, other._importing = other._importing, []
-        if self._environment.is_same_as(other._environment):
-            self._early |= early
-            self._importing += importing
-        else:
-            self._supervisor.end(early.values())
 
     def start_nodes(
         self,
@@ -276,7 +249,6 @@ class Launcher:
                 # Nothing is known of its nodes: they are looked at from outside.
                 self.hosts[child] = frozenset()
                 self.programs.add(plan.name)
-                self.differences += unused_executor(plan)
                 self._has_opaque_nodes = True
                 continue
             self.hosts[child] = frozenset(node.name for node in plan.nodes)
@@ -380,10 +352,9 @@ class Launcher:
             container=container_node_name(plan.argv), node=node, timeout_ns=round(timeout_s * 1e9)
         )
         try:
-            with self._supervisor.waiting(f"{node.name}: loaded"):
-                answer = self._supervisor.request(
-                    loader, command, protocol.Composed, timeout_s + REPLY_TIMEOUT_S
-                )
+            answer = self._supervisor.request(
+                loader, command, protocol.Composed, timeout_s + REPLY_TIMEOUT_S
+            )
         except ProcessDiedError as died:
             doing = f"while {node.name} ({node.plugin}) was loaded"
             raise died.while_doing(doing, node.name) from died

@@ -15,7 +15,7 @@ from __future__ import annotations
 import contextlib
 import re
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
@@ -30,33 +30,17 @@ from r2bspec.plan.command_lines import has_planned_name
 from r2bspec.plan.installed_packages import ament_packages, package_plugins
 from r2bspec.plan.package_advice import ros_package_advice
 from r2bspec.plan.plan import NodePlan, Plan, ProcessPlan
-from r2bspec.plan.wiring.name_resolution import NODE_TOPICS, is_node_parameter
+from r2bspec.plan.wiring.name_resolution import is_node_parameter
 from r2bspec.record.run_record import Difference
+
+Part = Literal["node", "plugin", "package", "parameter"]
 
 NOT_LOADED: Final = "R2B665"
 NOT_CREATED: Final = "R2B633"
 
 _CONSTRUCTOR = re.compile(r"Component constructor threw an exception(?:: (.*))?", re.DOTALL)
-_LIBRARY = re.compile(r"Failed to load library:? ?(.*)", re.DOTALL)
-_MISSING_LIBRARY = re.compile(r"(\S+): cannot open shared object file")
 _ENTRY = ("Could not find requested resource in ament index", "Invalid resource entry")
 _CLASS = "Failed to find class with the requested plugin name"
-_EXTRA = re.compile(r"Extra component argument '([^']*)'")
-
-_WRONG_TYPE = re.compile(r"parameter '([^']+)' has invalid type: (.*)", re.DOTALL)
-_TYPES = re.compile(r"is of type \{(.+?)\}, setting it to \{(.+?)\} is not allowed")
-_WRONG_TYPE_PYTHON = re.compile(
-    r"Trying to set parameter '([^']+)' to .* of type '(\w+)', expecting type '(\w+)'", re.DOTALL
-)
-_REFUSED = re.compile(r"parameter '([^']+)' could not be set: (.*)", re.DOTALL)
-_REFUSED_PYTHON = re.compile(
-    r"Invalid parameter value \(.*\) for parameter\. Reason: (.*): (\S+)\Z", re.DOTALL
-)
-_UNSET = re.compile(
-    r"(?:Statically typed parameter '([^']+)' must be initialized|"
-    r"parameter '([^']+)' is not initialized)"
-)
-_OUT_OF_RANGE = re.compile(r"doesn't comply with|out of range")
 
 _UNCAUGHT_CPP = re.compile(
     r"terminate called after throwing an instance of '([^']+)'\s+what\(\): +(.*?)\s*\Z", re.DOTALL
@@ -64,12 +48,77 @@ _UNCAUGHT_CPP = re.compile(
 _PLACE = re.compile(r'^  File "([^"]+)", line (\d+)', re.MULTILINE)
 _UNCAUGHT_PYTHON = re.compile(r"^Traceback \(most recent call last\):$", re.MULTILINE)
 
+_TYPES = "parameter '{name}' is of type {declared}, and cannot be of type {given}"
+_TYPES_HELP = "write a value of its type: ROS does not convert integers, so write 1.0 for a double"
+_UNSET = "parameter '{name}' is required, and is not set"
+_RANGE = "parameter '{name}' is out of its range"
+_RANGE_HELP = "'ros2 param describe' shows the range"
+_REFUSED = "parameter '{name}' was refused: {why}"
+
+_EXCEPTIONS: Final = (
+    (
+        r"parameter '(?P<name>[^']+)' has inval.*\{(?P<declared>.+?)\}, .*\{(?P<given>.+?)\}",
+        _TYPES,
+        _TYPES_HELP,
+    ),
+    (
+        r"parameter '(?P<name>[^']+)' to .* of type '(?P<given>\w+)', .* '(?P<declared>\w+)'",
+        _TYPES,
+        _TYPES_HELP,
+    ),
+    (
+        r"tatically typed parameter '(?P<name>[^']+)' must be initialized",
+        _UNSET,
+        "set it under 'parameters'",
+    ),
+    (r"parameter '(?P<name>[^']+)' is not initialized", _UNSET, "set it under 'parameters'"),
+    (
+        r"parameter '(?P<name>[^']+)' could not be set: .*(doesn't comply with|out of range)",
+        _RANGE,
+        _RANGE_HELP,
+    ),
+    (r"parameter '(?P<name>[^']+)' could not be set: (?P<why>.*)", _REFUSED, ""),
+    (
+        r"Invalid parameter value \(.*\) for parameter\. Reason: .*out of range.*: (?P<name>\S+)\Z",
+        _RANGE,
+        _RANGE_HELP,
+    ),
+    (
+        r"Invalid parameter value \(.*\) for parameter\. Reason: (?P<why>.*): (?P<name>\S+)\Z",
+        _REFUSED,
+        "",
+    ),
+)
+"""What rclcpp and rclpy say of a parameter in an exception, in words of the spec, with a remedy."""
+
+_ANSWERS: Final[tuple[tuple[str, str, str, Part], ...]] = (
+    (
+        r"Failed to load library.*?(?P<why>\S+): cannot open shared object file",
+        "library {why} is missing",
+        "install the package of that library, and source its workspace",
+        "plugin",
+    ),
+    (
+        r"Failed to load library:? ?(?P<why>.*)",
+        "its library: {why}",
+        "build the package against the libraries that are installed",
+        "plugin",
+    ),
+    (
+        r"(?P<why>Extra component argument '(?P<name>[^']*)'.*)",
+        "{why}",
+        "correct 'extra_arguments'",
+        "node",
+    ),
+)
+"""Likewise what a container answers, with the part of the node that it concerns."""
+
 
 class Fault(msgspec.Struct, frozen=True):
     """A fault: a description, the part of the node that it concerns, and a remedy."""
 
     why: str
-    part: Literal["node", "plugin", "package", "parameter"] = "node"
+    part: Part = "node"
     name: str = ""
     help: str = ""
 
@@ -83,15 +132,6 @@ def component_fault(node: NodePlan, reason: str) -> Fault:
     """
     if reason.startswith(_ENTRY):
         return _unknown_package(node.package)
-    if (library := _LIBRARY.match(reason)) is not None:
-        missing = _MISSING_LIBRARY.search(library[1])
-        return Fault(
-            f"library {missing[1]} is missing" if missing else f"its library: {library[1]}",
-            "plugin",
-            help="install the package of that library, and source its workspace"
-            if missing
-            else "build the package against the libraries that are installed",
-        )
     if reason.startswith(_CLASS):
         known = sorted(package_plugins(node.package))
         close = did_you_mean(node.plugin, known)
@@ -100,11 +140,12 @@ def component_fault(node: NodePlan, reason: str) -> Fault:
             "plugin",
             help=f"did you mean {close!r}?" if close else f"its components: {', '.join(known)}",
         )
-    if (extra := _EXTRA.match(reason)) is not None:
-        return Fault(reason, "node", extra[1], help="correct 'extra_arguments'")
     if (constructor := _CONSTRUCTOR.match(reason)) is not None:
-        what = constructor[1] or ""
-        return exception_fault(what, "its constructor threw an exception")
+        return exception_fault(constructor[1] or "", "its constructor threw an exception")
+    for pattern, why, remedy, part in _ANSWERS:
+        if (matched := re.match(pattern, reason, re.DOTALL)) is not None:
+            name = matched.groupdict().get("name", "")
+            return Fault(why.format(**matched.groupdict()), part, name, remedy)
     return Fault(reason or "the container gave no reason", help="read the output of the container")
 
 
@@ -122,42 +163,14 @@ def exception_fault(what: str, otherwise: str) -> Fault:
         what: the text.
         otherwise: what to say before it, if it is not about a parameter.
     """
-    if (wrong := _WRONG_TYPE.search(what)) is not None:
-        types = _TYPES.search(wrong[2])
-        return _wrong_type(wrong[1], *types.groups()) if types else _refused(wrong[1], wrong[2])
-    if (wrong := _WRONG_TYPE_PYTHON.search(what)) is not None:
-        return _wrong_type(wrong[1], wrong[3].lower(), wrong[2].lower())
-    if (unset := _UNSET.search(what)) is not None:
-        name = unset[1] or unset[2]
-        return Fault(
-            f"parameter {name!r} is required, and is not set",
-            "parameter",
-            name,
-            f"set {name!r} under 'parameters'",
-        )
-    if (refused := _REFUSED.search(what)) is not None:
-        return _refused(refused[1], refused[2])
-    if (refused := _REFUSED_PYTHON.search(what)) is not None:
-        return _refused(refused[2], refused[1])
+    for pattern, why, remedy in _EXCEPTIONS:
+        if (matched := re.search(pattern, what, re.DOTALL)) is not None:
+            words = {
+                key: text.lower() if key in {"declared", "given"} else text.strip()
+                for key, text in matched.groupdict().items()
+            }
+            return Fault(why.format(**words), "parameter", words["name"], remedy)
     return Fault(f"{otherwise}: {what.strip()}" if what.strip() else otherwise)
-
-
-def _wrong_type(name: str, declared: str, given: str) -> Fault:
-    return Fault(
-        f"parameter {name!r} is of type {declared}, and cannot be of type {given}",
-        "parameter",
-        name,
-        "write 1.0 for a double: ROS does not convert integers"
-        if (declared, given) == ("double", "integer")
-        else "write a value of its type",
-    )
-
-
-def _refused(name: str, reason: str) -> Fault:
-    if _OUT_OF_RANGE.search(reason):
-        why = f"parameter {name!r} is out of its range"
-        return Fault(why, "parameter", name, "'ros2 param describe' shows the range")
-    return Fault(f"parameter {name!r} was refused: {reason.strip()}", "parameter", name)
 
 
 def not_loaded(node: NodePlan, container: str, reason: str, output: str) -> GraphDifferencesError:
@@ -233,7 +246,6 @@ def _error(
 
 _PARAMETER_UNKNOWN = "R2B211"
 _REMAPPING_MATCHES_NOTHING = "R2B204"
-_EXECUTOR_OF_PROGRAM = "R2B239"
 _NODES_WITH_ONE_NAME = "R2B245"
 _ONE_NAME = b"Publisher already registered for node name"
 _MAX_LOG_BYTES = 1 << 20
@@ -321,22 +333,6 @@ def nodes_with_one_name(plan: ProcessPlan, log: Path) -> Iterator[Difference]:
                 )
 
 
-def unused_executor(plan: ProcessPlan) -> Iterator[Difference]:
-    """Return the problem of an executor in the plan whose process runs a program of its own."""
-    if plan.executor != "single_threaded":
-        for node in plan.nodes:
-            yield Difference(
-                code=_EXECUTOR_OF_PROGRAM,
-                message=f"'executor' of {node.name} had no effect: {node.target} initialises ROS, "
-                "and spins its nodes itself",
-                part="executor",
-                owner=node.name,
-                name=plan.executor,
-                help="name the class of the node instead, or leave out 'executor'",
-                harmless=True,
-            )
-
-
 def unmatched_remappings(ready: protocol.Ready) -> Iterator[Difference]:
     """Return remappings that changed no name.
 
@@ -366,51 +362,6 @@ def unmatched_remapping(node: str, before: str, after: str, own: Iterable[str]) 
         topic=after,
         help=f"its topics: {', '.join(names)}" if names else "it has no topics",
         harmless=True,
-    )
-
-
-def find_unmatched(
-    rules: Sequence[RemappedTopic], supervisor: ProcessSupervisor
-) -> tuple[Difference, ...]:
-    """Return remappings without effect of nodes outside of Python hosts.
-
-    Nodes that discovery does not show are left out.
-
-    Args:
-        rules: the remappings.
-        supervisor: all processes.
-
-    Raises:
-        RunError: the observer does not respond.
-    """
-    deadline = time.monotonic() + _PATIENCE_S
-    while rules:
-        found = supervisor.ask_observer(protocol.ListNames(), protocol.NodeNames).names
-        rules = [rule for rule in rules if not _matches(rule, found)]
-        if time.monotonic() > deadline:
-            break
-        supervisor.pump(_POLL_S)
-    return tuple(
-        unmatched_remapping(
-            rule.node,
-            rule.before,
-            rule.topic,
-            # Without what every node has.
-            {each for each in found[rule.node] if not each.startswith(f"{rule.node}/")}
-            - NODE_TOPICS,
-        )
-        for rule in rules
-        if rule.node in found
-    )
-
-
-def _matches(rule: RemappedTopic, found: Mapping[str, Collection[str]]) -> bool:
-    """Return whether a node has a name that a rule has made.
-
-    Those of an action begin with the target.
-    """
-    return any(
-        name == rule.topic or name.startswith(f"{rule.topic}/") for name in found.get(rule.node, ())
     )
 
 

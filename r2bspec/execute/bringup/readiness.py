@@ -140,8 +140,7 @@ def all_answer(processes: Iterable[ProcessPlan], found: protocol.ParameterLists)
     """Return True if every planned node has answered.
 
     A program may name its nodes itself: for each such process, one more node has to answer than the
-    plan names. Containers have a node of their own. A lifecycle node may wait for its
-    configuration.
+    plan names. Containers have a node of their own.
 
     Args:
         processes: with nodes.
@@ -158,7 +157,7 @@ def all_answer(processes: Iterable[ProcessPlan], found: protocol.ParameterLists)
             else:
                 unnamed += 1
     answered = found.parameters.keys()
-    return not found.lifecycle and named <= answered and len(answered - named) >= unnamed
+    return named <= answered and len(answered - named) >= unnamed
 
 
 def starts_others(process: ProcessPlan) -> bool:
@@ -168,9 +167,8 @@ def starts_others(process: ProcessPlan) -> bool:
 
 _POLL_S = 0.05
 
-_CHUNK_BYTES = 1 << 16
-_MAX_LINE_BYTES = 1 << 16
-"""The end of an unfinished line that is searched again with what follows."""
+_CHUNK_BYTES = 1 << 20
+"""Of a log, searched at once."""
 
 
 class StartDeadline:
@@ -265,7 +263,7 @@ def wait_for_probe(
     lack = f"{plan.kind} {plan.target} does not exist"
     if plan.kind == "log":
         lack = f"the log of {plan.target} has no line with {plan.pattern!r}"
-        is_met = _log_condition(plan, folder, supervisor, time.monotonic() + timeout_s)
+        is_met = _log_condition(plan, folder, supervisor)
     elif plan.kind == "file":
         is_met = (base_dir / plan.target).exists
     else:
@@ -302,7 +300,7 @@ def wait_for_services(
 
 
 def _log_condition(
-    plan: ProbePlan, folder: RunFolder, supervisor: ProcessSupervisor, deadline: float
+    plan: ProbePlan, folder: RunFolder, supervisor: ProcessSupervisor
 ) -> Callable[[], bool]:
     try:
         pattern = compile_line_pattern(plan.pattern)
@@ -313,7 +311,7 @@ def _log_condition(
         ) from None
     # What the process of an earlier start wrote says nothing about this one.
     begin = next((child.log_start for child in supervisor if child.name == plan.target), 0)
-    return partial(LogSearch(folder.log_path(plan.target), pattern, begin).finds, deadline)
+    return LogSearch(folder.log_path(plan.target), pattern, begin).finds
 
 
 def _is_in_graph(plan: ProbePlan, supervisor: ProcessSupervisor) -> bool:
@@ -338,30 +336,17 @@ class LogSearch:
         self._log = log
         self._pattern = pattern
         self._at = begin
-        self._last_line = b""
 
-    def finds(self, deadline: float) -> bool:
-        """Return True if a new line matches; after the deadline no further text is read."""
+    def finds(self) -> bool:
+        """Return True if a new line matches, or what there is of the last line."""
         try:
             with self._log.open("rb") as stream:
                 if stream.seek(0, os.SEEK_END) < self._at:  # the log was cut
-                    self._at, self._last_line = 0, b""
+                    self._at = 0
                 stream.seek(self._at)
-                while chunk := stream.read(_CHUNK_BYTES):
-                    self._at += len(chunk)
-                    if self._is_in(chunk):
-                        return True
-                    if time.monotonic() > deadline:
-                        return False
+                added = stream.read(_CHUNK_BYTES)
         except OSError:
             return False
-        return False
-
-    def _is_in(self, chunk: bytes) -> bool:
-        lines = (self._last_line + chunk).split(b"\n")
-        self._last_line = lines[-1][-_MAX_LINE_BYTES:]
-        return any(
-            self._pattern(part)
-            for line in lines
-            for part in line.decode(errors="replace").splitlines()
-        )
+        # An unfinished line is read again, unless it fills the chunk.
+        self._at += added.rfind(b"\n") + 1 or (len(added) if len(added) == _CHUNK_BYTES else 0)
+        return any(map(self._pattern, added.decode(errors="replace").splitlines()))

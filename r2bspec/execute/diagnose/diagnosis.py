@@ -1,9 +1,9 @@
 """Why the graph of a phase is not ready, or gives no output: the error, and when it is certain.
 
-A fault is what `r2bspec.execute.diagnose.first_fault` finds on the path of the messages. Before the
-deadline of a start it is certain if the graph has not changed since `_UNCHANGED_S`: until then a
-node may still create or replace endpoints. A graph that has not changed for longer, and whose nodes
-are idle (`r2bspec.execute.bringup.readiness`), is stalled.
+A fault is what `r2bspec.execute.diagnose.first_fault` finds on the path of the messages. A start
+ends before its deadline if two endpoints never match and the graph has not changed since
+`_UNCHANGED_S`, or if it is stalled: it has not changed for longer, and all its nodes are idle
+(`r2bspec.execute.bringup.readiness`).
 """
 
 from __future__ import annotations
@@ -20,12 +20,9 @@ from r2bspec.execute.bringup.lifecycle import LifecycleNodes
 from r2bspec.execute.bringup.node_faults import (
     RemappedTopic,
     find_undeclared,
-    find_unmatched,
     nodes_with_one_name,
-    spins_nodes,
     unmatched_remapping,
 )
-from r2bspec.execute.bringup.readiness import patience_s
 from r2bspec.execute.diagnose import first_fault
 from r2bspec.execute.diagnose.facts import GraphFacts, GraphObserver
 from r2bspec.execute.errors import GraphDifferencesError, NotReadyError, RunError
@@ -76,22 +73,22 @@ class PhaseGraph:
         return GraphObserver(self.supervisor, plan, phase, known)
 
     def not_ready_error(
-        self, missing: Mapping[str, tuple[int, int]], certain: Collection[str], stalled_s: float
+        self, missing: Mapping[str, tuple[int, int]], stalled_s: float, *, is_over: bool
     ) -> RunError:
         """Return the error that names the first fault on each path.
 
         Args:
             missing: the topics, with the matches that they have and need.
-            certain: those that will never be matched, if that was found before the deadline.
             stalled_s: for how long nothing has changed; 0 if the nodes are not idle.
+            is_over: whether the deadline is over.
         """
         facts = self.observer.observe()
         self.add_unmatched_remappings(facts, missing)
-        state = f"was not ready after {self.plan.start_timeout.seconds:g} s"
-        if certain:
-            state = "will not be ready"
-        elif stalled_s:
+        state = "will not be ready"
+        if stalled_s:
             state = f"is not ready and has not changed for {stalled_s:.0f} s, with all nodes idle"
+        elif is_over:
+            state = f"was not ready after {self.plan.start_timeout.seconds:g} s"
         counted = ", ".join(
             f"{topic}: {have} of {want} endpoints matched"
             for topic, (have, want) in missing.items()
@@ -110,7 +107,6 @@ class PhaseGraph:
             f"the {self.phase} graph {state} ({counted})",
             hint,
             otherwise=NotReadyError,
-            certain=certain,
             names_related=False,
         )
 
@@ -123,7 +119,6 @@ class PhaseGraph:
         hint: str,
         *,
         otherwise: type[RunError],
-        certain: Collection[str] = (),
         names_related: bool = True,
     ) -> RunError:
         """Return the error for a graph whose messages do not arrive, with the complete path.
@@ -135,20 +130,12 @@ class PhaseGraph:
             state: of the graph, in words.
             hint: for the error if the graph does not clearly differ from the spec.
             otherwise: that error; another attempt might succeed.
-            certain: topics whose faults persist in any case.
             names_related: whether it says what else is wrong with the nodes that have faults.
         """
         known = self.launcher.differences
         waiting = self.lifecycle.waiting([*silent, *(fault.name for fault in faults)])
-        differences = tuple(each.difference for each in waiting if not each.managers)
-        differences = differences or graph_mismatches(
-            faults,
-            known,
-            lambda fault: not waiting and (fault.name in certain or self._is_permanent(fault)),
-        )
-        sentences = [each.difference.message for each in waiting]
-        sentences += [fault.message for fault in faults]
-        sentences = sentences or [_NO_FAULT]
+        differences = waiting or graph_mismatches(faults, known, self._is_permanent)
+        sentences = [each.message for each in (*waiting, *faults)] or [_NO_FAULT]
         also = related_differences(faults, known) if names_related else ""
         path = dict.fromkeys(
             name for topic in silent for name in first_fault.full_path(facts, topic)
@@ -169,7 +156,7 @@ class PhaseGraph:
             )
             hint = f"{settings[0].upper()}{settings[1:]}. {hint}"
         if not differences:
-            return otherwise(text(), hint=waiting[0].difference.help if waiting else hint)
+            return otherwise(text(), hint=hint)
         details = text({difference.message for difference in differences})
         return GraphDifferencesError(
             differences, text(), differences[0].help or hint, details=details
@@ -204,23 +191,6 @@ class PhaseGraph:
         for child in self.supervisor:
             if child.name in plans:
                 self.launcher.differences += nodes_with_one_name(plans[child.name], child.log)
-        self._check_remappings()
-
-    def _check_remappings(self) -> None:
-        """Record the remappings without effect of nodes that no Python host has asked."""
-        known = self.launcher.known_differences
-        opaque = {
-            node.name
-            for process in self.plan.processes
-            if not spins_nodes(process, self.launcher.programs)
-            for node in process.nodes
-        }
-        rules = [
-            rule
-            for rule in self.remapped_topics()
-            if rule.own_node_name and rule.node in opaque and (rule.node, rule.before) not in known
-        ]
-        self.launcher.differences += find_unmatched(rules, self.supervisor)
 
     def remapped_topics(self) -> tuple[RemappedTopic, ...]:
         """Return the topics to which the plan remaps the names of nodes."""
@@ -300,44 +270,39 @@ class EarlyDiagnosis:
     """Observes a graph that is not ready, before its deadline.
 
     Args:
-        plan: of the run.
-        remapped: the topics to which it remaps the names of nodes.
+        patience_s: for how long all nodes of a stalled graph have been idle.
         observe: returns the facts of the graph, as discovery shows them now.
         clock: a monotonic clock in seconds.
         idle_s: for how many seconds the nodes have been idle.
         answer: whether all nodes answer, which takes a while.
-        never_active: which of some topics lack endpoints of lifecycle nodes that nothing activates.
 
     Attributes:
         facts: of the graph, once it has not changed for a while; None before.
         stalled_s: for how many seconds a stalled graph has not changed; 0 for any other.
     """
 
-    plan: Plan
-    remapped: Sequence[RemappedTopic]
+    patience_s: float
     observe: Callable[[], GraphFacts]
     clock: Callable[[], float] = time.monotonic
     _: KW_ONLY
     idle_s: Callable[[], float] = lambda: 0.0
     answer: Callable[[], bool] = lambda: False
-    never_active: Callable[[Collection[str]], frozenset[str]] = lambda _: frozenset()
     facts: GraphFacts | None = None
     stalled_s: float = 0.0
     _last: GraphFacts | None = None
 
     def __post_init__(self) -> None:
-        self._patience_s = patience_s(self.plan.start_timeout.seconds)
         self._unchanged_since = self._next = self.clock() + _LOOK_S
 
-    def certain(self, missing: Collection[str]) -> frozenset[str]:
-        """Return the missing topics that will never be matched; usually there are none.
+    def is_hopeless(self, missing: Collection[str]) -> bool:
+        """Return True if topics will never be matched, or the graph is stalled.
 
         Raises:
             RunError: the observing process does not answer.
         """
         now = self.clock()
         if now < self._next:
-            return frozenset()
+            return False
         facts = self.observe()
         now = self.clock()
         self._next = now + _LOOK_S
@@ -347,9 +312,11 @@ class EarlyDiagnosis:
         # Asked at every look, because it compares with the one before.
         quiet_s = min(unchanged_s, self.idle_s())
         if unchanged_s < _UNCHANGED_S:
-            return frozenset()
+            return False
         self.facts = facts
-        if quiet_s >= self._patience_s and self.answer():
+        if quiet_s >= self.patience_s and self.answer():
             self.stalled_s = unchanged_s
-        certain = first_fault.certain_topics(facts, missing, self.remapped)
-        return certain or self.never_active(missing)
+        faults = faults_of(facts, missing)
+        return self.stalled_s > 0 or any(
+            fault.code in first_fault.NEVER_MATCHED and fault.name in missing for fault in faults
+        )

@@ -7,10 +7,9 @@ of the run: its messages are among the samples, or reach the nodes.
 
 from __future__ import annotations
 
-import math
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -228,9 +227,9 @@ class GraphObserver:
         """Return the endpoints that discovery shows at this moment; more may follow."""
         return gather_facts(self.plan, self.phase, *self._discover())
 
-    def observe(self) -> GraphFacts:
-        """Return the endpoints of every topic; nothing is played."""
-        return gather_facts(self.plan, self.phase, *self._wait_for_discovery())
+    def observe(self, passed: Mapping[str, int] | None = None) -> GraphFacts:
+        """Return the endpoints of every topic, with the messages that were counted, if any."""
+        return gather_facts(self.plan, self.phase, *self._wait_for_discovery(), passed)
 
     def trace(
         self, monitor: ManagedProcess, rows_dir: Path, play: Callable[[], None]
@@ -315,8 +314,7 @@ def wait_for_quiet(
     supervisor: ProcessSupervisor,
     files: Iterable[RowReader],
     quiet_s: float,
-    limit_s: float = math.inf,
-    goal: Sequence[int] = (),
+    limit_s: float,
 ) -> None:
     """Wait until no message has arrived for a while, at most `limit_s`: some topics never pause.
 
@@ -325,15 +323,12 @@ def wait_for_quiet(
         files: the rows of a monitor.
         quiet_s: how long a while is, in seconds.
         limit_s: at most, in seconds.
-        goal: the rows of each file after which nothing is waited for; empty if that is unknown.
     """
     files = [*files]
     last: list[int] = []
     changed = began = now = time.monotonic()
     while now - changed < quiet_s and now - began < limit_s:
         counts = [file.count() for file in files]
-        if goal and all(count >= enough for count, enough in zip(counts, goal, strict=True)):
-            return
         if counts != last:
             last, changed = counts, now
         supervisor.pump(_POLL_S)

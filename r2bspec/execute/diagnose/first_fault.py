@@ -5,24 +5,24 @@ planned or observed, starting at the inputs. On each topic the faults are checke
 has no publisher; publisher and subscription differ in type or in QoS; it has no messages; no
 subscription leads further along the path.
 
-A missing endpoint alone proves nothing: its node may still load a model. It is certain that an
-endpoint will not appear only if there is another one in its place: an endpoint that ROS does not
-match because of its type or QoS, or one of the same type which nothing in the plan or in the graph
-uses: on a similar or unmapped topic, or on any topic of the planned node in another namespace.
+A missing endpoint alone proves nothing: its node may still load a model. Endpoints that ROS does
+not match because of their types or QoS never will be.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
 from r2bspec.diagnostics import did_you_mean
 from r2bspec.execute.bringup.node_faults import RemappedTopic
 from r2bspec.execute.diagnose.facts import GraphFacts, TopicFacts
 from r2bspec.ipc.protocol import Endpoint
 from r2bspec.plan.plan import HARNESS_PARTS
-from r2bspec.plan.wiring.name_resolution import SHARED_TOPICS
 from r2bspec.record.run_record import Difference
+
+if TYPE_CHECKING:
+    import networkx
 
 NO_PUBLISHER: Final = "R2B207"
 NO_SUBSCRIPTION: Final = "R2B208"
@@ -48,17 +48,13 @@ def _fault(code: str, topic: str, owner: str, message: str, instead: str = "") -
 
 def path_to(facts: GraphFacts, silent: str) -> tuple[str, ...]:
     """Return the topics from the inputs to a topic without messages, in the order of the flow."""
-    upstream = {silent}
-    pending = [silent]
-    for topic in pending:
-        for node in sorted(facts.topic(topic).all_publishers - {*HARNESS_PARTS}):
-            for name in facts.topics_subscribed_by(node):
-                if name not in upstream:
-                    upstream.add(name)
-                    pending.append(name)
-    reached = [name for name in _reachable_topics(facts) if name in upstream]
-    rest = sorted(upstream - {*reached, silent})
-    return tuple(dict.fromkeys((*reached, *rest, silent)))
+    import networkx
+
+    flow = _flow(facts)
+    flow.add_node(silent)
+    upstream = {each for each in networkx.ancestors(flow, silent) if isinstance(each, str)}
+    reached = [name for name in _reached(flow, facts) if name in {*upstream, silent}]
+    return tuple(dict.fromkeys((*reached, *sorted(upstream), silent)))
 
 
 def full_path(facts: GraphFacts, silent: str) -> tuple[str, ...]:
@@ -69,20 +65,27 @@ def full_path(facts: GraphFacts, silent: str) -> tuple[str, ...]:
     path = path_to(facts, silent)
     if {*path} & {*facts.inputs}:
         return path
-    return tuple(dict.fromkeys((*_reachable_topics(facts), *path)))
+    return tuple(dict.fromkeys((*_reached(_flow(facts), facts), *path)))
 
 
-def _reachable_topics(facts: GraphFacts) -> list[str]:
-    """Return the topics that messages can reach, in the order of the message flow."""
-    reached = sorted(facts.inputs)
-    for topic in reached:
-        nodes = facts.topics[topic].all_subscribers - {*HARNESS_PARTS}
-        reached += sorted(
-            name
-            for name, planned_topic in facts.topics.items()
-            if name not in reached and nodes & planned_topic.all_publishers
-        )
-    return reached
+def _flow(facts: GraphFacts) -> networkx.DiGraph[Any]:
+    """Return topics and nodes, planned or discovered; a node is in a tuple of its own."""
+    import networkx
+
+    flow: networkx.DiGraph[Any] = networkx.DiGraph()
+    for name, topic in facts.topics.items():
+        flow.add_node(name)
+        flow.add_edges_from(((node,), name) for node in topic.all_publishers - {*HARNESS_PARTS})
+        flow.add_edges_from((name, (node,)) for node in topic.all_subscribers - {*HARNESS_PARTS})
+    return flow
+
+
+def _reached(flow: networkx.DiGraph[Any], facts: GraphFacts) -> Iterator[str]:
+    """Yield the topics that messages of the inputs can reach, in the order of the flow."""
+    import networkx
+
+    for layer in networkx.bfs_layers(flow, facts.inputs):
+        yield from sorted(each for each in layer if isinstance(each, str))
 
 
 def first_fault(facts: GraphFacts, silent: str) -> Difference | None:
@@ -307,26 +310,6 @@ def find_faults(
     return tuple({fault.name: fault for fault in faults if fault is not None}.values())
 
 
-def certain_topics(
-    facts: GraphFacts, missing: Iterable[str], remapped: Iterable[RemappedTopic] = ()
-) -> frozenset[str]:
-    """Return the topics of `missing` whose endpoints will never match.
-
-    Args:
-        facts: of the graph; discovery is complete.
-        missing: topics on which the harness, or a node, has fewer matches than planned.
-        remapped: the remappings of the plan.
-    """
-    targets = {rule.topic for rule in unmatched(facts, remapped)}
-    certain = set()
-    for name in missing:
-        fault = find_input_fault(facts, name) if name in facts.inputs else first_fault(facts, name)
-        never_matches = fault and fault.name == name and fault.code in NEVER_MATCHED
-        if never_matches or _is_misplaced(facts, name, remapped=name in targets):
-            certain.add(name)
-    return frozenset(certain)
-
-
 def unmatched(facts: GraphFacts, remapped: Iterable[RemappedTopic]) -> Iterator[RemappedTopic]:
     """Yield the remappings to topics on which their node has no endpoint."""
     for rule in remapped:
@@ -335,42 +318,3 @@ def unmatched(facts: GraphFacts, remapped: Iterable[RemappedTopic]) -> Iterator[
         own = {rule.node} if rule.own_node_name else nodes - (facts.planned_nodes - {rule.node})
         if not nodes & own:
             yield rule
-
-
-def _is_misplaced(facts: GraphFacts, name: str, *, remapped: bool) -> bool:
-    """Return whether another topic has an endpoint that was meant for a topic.
-
-    Args:
-        facts: of the graph.
-        name: the topic that lacks an endpoint.
-        remapped: whether a name is remapped to it, without effect.
-    """
-    topic = facts.topic(name)
-    as_publisher = not topic.publishers
-    there = topic.subscriptions if as_publisher else topic.publishers
-    types = {topic.type} - {""} or {end.type for end in there}
-    owners = topic.planned_publishers if as_publisher else topic.planned_subscribers
-    running = {*owners} - {*HARNESS_PARTS} & facts.nodes
-    for other in facts.topics.values():
-        ends = other.publishers if as_publisher else other.subscriptions
-        counterparts = other.subscriptions if as_publisher else other.publishers
-        if other.name == name or counterparts or other.is_planned or other.name in SHARED_TOPICS:
-            continue
-        meant = [
-            end.node
-            for end in ends
-            if end.node not in HARNESS_PARTS
-            and (not types or end.type in types)
-            and (not running or end.node in running)
-        ]
-        # A planned node in another namespace, where no node has the planned name.
-        moved = any(
-            owner not in facts.nodes and owner.rpartition("/")[2] == node.rpartition("/")[2]
-            for node in meant
-            for owner in owners
-        )
-        # Two topics that differ in their namespaces only, or by a typing error.
-        similar = did_you_mean(name.rpartition("/")[2], [other.name.rpartition("/")[2]])
-        if meant and (similar or ((remapped or moved) and types)):
-            return True
-    return False

@@ -1,1 +1,1 @@
-"""The measurement: iterations, the peak search, and the harness overhead."""
+"""The measurement: iterations, and the peak search."""

@@ -12,15 +12,14 @@ container, and on the kernel for which perf was built.
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shlex
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -28,15 +27,15 @@ import msgspec
 
 from r2bspec.diagnostics.quote import clip, printable
 from r2bspec.errors import R2bspecError, UsageError, without_output
-from r2bspec.execute.errors import InterruptedRunError, ProfilerError, RunError
+from r2bspec.execute.errors import CertainRunError, InterruptedRunError
 from r2bspec.execute.run_context import MEASURE_PHASE
-from r2bspec.execute.start.segments import SegmentHeading, titled
+from r2bspec.execute.start.segments import SegmentHeading, SegmentPlayer, titled
 from r2bspec.extras import install_command
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.plan import GRAPH_ROLES, Plan, ProcessPlan
 from r2bspec.record.run_record import AnatomyRecord, ProfileRecord
 from r2bspec.safe_io.file_search import regular_files
-from r2bspec.safe_io.private_files import remove_folder, temporary_folder
+from r2bspec.safe_io.private_files import temporary_folder
 
 if TYPE_CHECKING:
     from r2bspec.execute.start.start import StartSequence
@@ -66,6 +65,7 @@ _PERMIT: Final = {
 _TRIAL: Final = "import time; end = time.time() + 0.5\nwhile time.time() < end: pass"
 _TRIAL_TIMEOUT_S: Final = 20.0
 _SHOWN_LINES: Final = 4
+_UNUSABLE: Final = "R2B652"
 
 
 @dataclass(frozen=True)
@@ -113,13 +113,14 @@ def require_usable(profiler: Profiler) -> None:
     """Check that a profiler is installed and, for perf and py-spy, may observe a process.
 
     Raises:
-        ProfilerError: it is not, or may not.
+        CertainRunError: it is not, or may not (R2B652).
     """
     program = profiler.words[0]
     if "/" not in program or not Path(program).exists():
-        raise ProfilerError(
+        raise CertainRunError(
             f"--profile: the program {program!r} is not installed",
             hint=_INSTALL.get(profiler.name, "Install it, or give its full path."),
+            code=_UNUSABLE,
         )
     if profiler.name not in _PERMIT:
         return
@@ -135,12 +136,17 @@ def require_usable(profiler: Profiler) -> None:
                 check=False,
             )
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise ProfilerError(f"--profile: {profiler.name} cannot be run: {error}") from error
+            raise CertainRunError(
+                f"--profile: {profiler.name} cannot be run: {error}",
+                hint=_PERMIT[profiler.name],
+                code=_UNUSABLE,
+            ) from error
     if done.returncode:
         said = [line for line in done.stdout.splitlines() if line.strip()][:_SHOWN_LINES]
-        raise ProfilerError(
+        raise CertainRunError(
             f"--profile: {profiler.name} cannot observe a process:\n" + "\n".join(said),
             hint=_PERMIT[profiler.name],
+            code=_UNUSABLE,
         )
 
 
@@ -156,9 +162,6 @@ _SAMPLE_NS = 100_000_000
 
 _MAX_FILES = 100
 _MAX_ERROR = 500
-
-_SPARE_BYTES = 32 << 20
-"""With less space on the disk, the profile is removed, so that the record of the run has room."""
 
 
 def profiled_processes(plan: Plan) -> tuple[ProcessPlan, ...]:
@@ -206,108 +209,79 @@ def wait_for_last_sample(starts: StartSequence) -> None:
     starts.context.supervisor.pump_for((ended_ns + _SAMPLE_NS - time.monotonic_ns()) / 1e9)
 
 
-@dataclass
-class ProfiledIteration:
-    """An iteration with a profiler.
+def _play_start(starts: StartSequence, plan: Plan, play: Callable[[SegmentPlayer], object]) -> str:
+    """Play in a start of its own, end all its processes, and return why it failed, if it did.
 
-    Attributes:
-        processes: those to be observed.
-        starts: those of the run.
-        errors: why a profile is missing or not whole, by process.
+    Raises:
+        InterruptedRunError: a signal interrupted the run.
     """
+    supervisor = starts.context.supervisor
+    try:
+        play(starts.begin_uncounted(plan))
+    except InterruptedRunError:
+        raise
+    except (R2bspecError, OSError) as failure:
+        return clip(without_output(str(failure)), _MAX_ERROR)
+    finally:
+        # Nothing that ends from here on is a failure of the run.
+        supervisor.end(list(supervisor))
+    return ""
 
-    profiler: Profiler
-    processes: tuple[ProcessPlan, ...]
-    starts: StartSequence
-    errors: dict[str, str] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        self.plan = self.starts.plan
-        self.supervisor, self.folder = self.starts.context.supervisor, self.starts.context.folder
+def play_profiled(
+    starts: StartSequence, profiler: Profiler, peak_hz: float | None
+) -> tuple[ProfileRecord, ...]:
+    """Play one more iteration with a profiler, and return the outcome of each process.
 
-    def play(self, peak_hz: float | None) -> tuple[ProfileRecord, ...]:
-        """Play, end all processes, and return the outcome of each process.
+    Raises:
+        InterruptedRunError: a signal interrupted the run.
+    """
+    supervisor, folder = starts.context.supervisor, starts.context.folder
+    names = [process.name for process in profiled_processes(starts.plan)]
+    rate_hz, duration_ns = profiled_rate(starts.plan, peak_hz)
+    processes = []
+    for process in starts.plan.processes:
+        if process.name in names and process.phase == MEASURE_PHASE:
+            base = folder.profile_folder(process.name) / process.name
+            argv = (*profiler.prefix(base), *process.argv)
+            process = msgspec.structs.replace(process, argv=argv)
+        processes.append(process)
+    plan = msgspec.structs.replace(
+        starts.plan,
+        processes=tuple(processes),
+        start_timeout=Duration(_SLOWER * starts.plan.start_timeout.ns),
+    )
 
-        Raises:
-            InterruptedRunError: a signal interrupted the run.
-        """
-        rate_hz, duration_ns = profiled_rate(self.plan, peak_hz)
-        began_ns = time.monotonic_ns()
-        try:
-            with self._noting_failures():
-                self._play(rate_hz, duration_ns)
-        finally:
-            # Nothing that ends from here on is a failure of the run.
-            self.supervisor.end(list(self.supervisor))
-        if shutil.disk_usage(self.folder.path).free < _SPARE_BYTES:
-            for process in self.processes:
-                remove_folder(self.folder.profile_folder(process.name))
-                self.errors[process.name] = "the profile was removed, because the disk is full"
-        return tuple(self._records(rate_hz, began_ns))
-
-    def _play(self, rate_hz: float, duration_ns: int) -> None:
-        names = {process.name for process in self.processes}
-        processes = []
-        for process in self.plan.processes:
-            if process.name in names and process.phase == MEASURE_PHASE:
-                base = self.folder.profile_folder(process.name) / process.name
-                argv = (*self.profiler.prefix(base), *process.argv)
-                processes.append(msgspec.structs.replace(process, argv=argv))
-            else:
-                processes.append(process)
-        plan = msgspec.structs.replace(
-            self.plan,
-            processes=tuple(processes),
-            start_timeout=Duration(_SLOWER * self.plan.start_timeout.ns),
-        )
-        player = self.starts.begin_uncounted(plan)
-        if player is None:
-            raise RunError("the graph was not brought up")
-        title = titled(rate_hz, f"with {self.profiler.name}")
-        player.play_unrecorded_for(title, rate_hz, duration_ns)
-        children = [process for process in self.supervisor if process.name in names]
+    def play(player: SegmentPlayer) -> None:
+        player.play_unrecorded_for(titled(rate_hz, f"with {profiler.name}"), rate_hz, duration_ns)
+        children = [process for process in supervisor if process.name in names]
         for child in children:
             child.request_shutdown()
         # A profiler writes its file when the process that it observes has ended.
-        self.supervisor.pump_until(
+        supervisor.pump_until(
             lambda: not any(child.is_running for child in children), _END_TIMEOUT_S
         )
 
-    @contextlib.contextmanager
-    def _noting_failures(self) -> Iterator[None]:
-        """Note what fails as the error of all processes; the first error counts.
+    began_ns = time.monotonic_ns()
+    error = _play_start(starts, plan, play)
+    return tuple(
+        ProfileRecord(
+            process=name,
+            profiler=profiler.name,
+            files=(files := tuple(_profile_files(folder.path, name))),
+            rate_hz=rate_hz,
+            began_ns=began_ns,
+            ended_ns=time.monotonic_ns(),
+            error=error or ("" if files else f"{profiler.name} wrote no file in the run folder"),
+        )
+        for name in names
+    )
 
-        Raises:
-            InterruptedRunError: a signal interrupted the run.
-        """
-        try:
-            yield
-        except InterruptedRunError:
-            raise
-        except (R2bspecError, OSError) as failure:
-            text = clip(without_output(str(failure)), _MAX_ERROR)
-            self.errors |= {process.name: text for process in self.processes}
 
-    def _records(self, rate_hz: float, began_ns: int) -> Iterator[ProfileRecord]:
-        for process in self.processes:
-            found = regular_files(self.folder.path / "profile" / process.name)
-            files = tuple(sorted(map(self._relative, found))[:_MAX_FILES])
-            error = self.errors.get(process.name, "")
-            if not files and not error:
-                error = f"{self.profiler.name} wrote no file in the run folder"
-            yield ProfileRecord(
-                process=process.name,
-                profiler=self.profiler.name,
-                files=files,
-                rate_hz=rate_hz,
-                began_ns=began_ns,
-                ended_ns=time.monotonic_ns(),
-                error=error,
-            )
-
-    def _relative(self, path: Path) -> str:
-        # A profiler may choose names that are no text.
-        return printable(path.relative_to(self.folder.path).as_posix())
+def _profile_files(run: Path, process: str) -> Iterator[str]:
+    """Yield what a profiler has written; it may choose names that are no text."""
+    for path in sorted(regular_files(run / "profile" / process))[:_MAX_FILES]:
+        yield printable(path.relative_to(run).as_posix())
 
 
 def play_observed(starts: StartSequence, peak_hz: float | None) -> AnatomyRecord:
@@ -319,20 +293,12 @@ def play_observed(starts: StartSequence, peak_hz: float | None) -> AnatomyRecord
         InterruptedRunError: a signal interrupted the run.
     """
     rate_hz, duration_ns = profiled_rate(starts.plan, peak_hz)
-    error = ""
-    try:
-        plan = msgspec.structs.replace(starts.plan, anatomy=True)
-        player = starts.begin_uncounted(plan)
-        title = titled(rate_hz, "observed from inside")
-        player.play_for(SegmentHeading("anatomy", "anatomy-001", title), rate_hz, duration_ns)
-    except InterruptedRunError:
-        raise
-    except (R2bspecError, OSError) as failure:
-        error = without_output(str(failure))
-    finally:
-        supervisor = starts.context.supervisor
-        # Nothing that ends from here on is a failure of the run.
-        supervisor.end(list(supervisor))
+    heading = SegmentHeading("anatomy", "anatomy-001", titled(rate_hz, "observed from inside"))
+    error = _play_start(
+        starts,
+        msgspec.structs.replace(starts.plan, anatomy=True),
+        lambda player: player.play_for(heading, rate_hz, duration_ns),
+    )
     start = starts.starts[-1]
     record = start.anatomy.record if start.anatomy else AnatomyRecord(start=start.number)
     return msgspec.structs.replace(record, error=error or record.error)

@@ -12,12 +12,14 @@ The search is independent of processes: it calls functions that play, and evalua
    then by halves of the ratio of its ends.
 4. The lower end is played whole. If that refutes it, the search goes on below.
 5. The upper end is played, too. If the graph keeps up with it, it is raised.
+6. The lower end is played once more: if it is not sustained any more, the machine has become slower
+   meanwhile, and the search goes on below with what it has learnt.
 
 The search has a time; when that is over, nothing is played but what a bracket needs.
 
-A probe may be undecided, if the times of the graph vary too much for its length. The search then
-moves away from this rate, down and up, by the resolution of the probe, and by twice as much if that
-probe is undecided, too. The final bracket is then wider than the precision, which the record shows.
+A probe may be undecided, if the times of the graph vary too much for its length. The ends of
+the bracket then approach this rate by halves, and the final bracket is wider than the precision,
+which the record shows.
 """
 
 from __future__ import annotations
@@ -52,9 +54,6 @@ _STRIDE_GROWTH = 4.0
 """Strides of 1, 4 and 16 times the precision: after a good guess the first one ends the search; a
 bad guess is corrected after two or three."""
 
-_MAX_STEP = 0.5
-"""The maximum relative distance of the next probe from an undecided one."""
-
 
 _MAX_OPEN_PROBES = 8
 """Undecided probes are the longest ones; after this number the search ends."""
@@ -79,14 +78,12 @@ class ProbeOutcome:
         probe: for the record.
         limited_by_player: the rate was not sustained because the player could not offer it, which
             is no property of the graph.
-        relative_half_width: of the interval in which the rate of the graph lies.
         departures: when the outputs left, of the monitor that does worst; None if unknown.
         drop_share: of the completed outputs, the share that never arrived.
     """
 
     probe: Probe
     limited_by_player: bool = False
-    relative_half_width: float = 0.0
     departures: CompletionTimes | None = None
     drop_share: float = 0.0
 
@@ -322,7 +319,7 @@ class PeakSearch:
     _lower: Probe | None = None
     _fails_hz: float | None = None
     _fails_by_player: bool = False
-    _open: dict[float, float] = field(default_factory=dict)
+    _open: list[float] = field(default_factory=list)
     _guess_hz: float = 0.0
     _guess_tried: bool = False
     _stride: float = 1.0
@@ -355,6 +352,7 @@ class PeakSearch:
                 self._try(rate_hz)
         self._prove()
         self._try_upper_end()
+        self._try_lower_end_again()
         self._done = True
         return self.record()
 
@@ -499,6 +497,21 @@ class PeakSearch:
             if len(kept) < _MAX_RAISES and self._goes_on():
                 self._fails_hz = min(next_hz, rate_hz * (1 + self.precision))
 
+    def _try_lower_end_again(self) -> None:
+        """Play the lower end once more: the machine may have become slower since it was proven."""
+        if self._proof != "confirmed" or self._lower is None or self.long_plays.upper is None:
+            return
+        outcome = self.long_plays.upper(self._lower.rate_hz, 0.0)
+        self._probes.append(outcome.probe)
+        is_refuted = outcome.probe.holds is False and not outcome.probe.explained
+        if is_refuted and outcome.departures is not None and not outcome.limited_by_player:
+            self._overload.learn(outcome.departures)
+            learnt_hz, upper_hz = self._overload.lower_hz, self._overload.upper_hz
+            if learnt_hz is not None and upper_hz is not None:
+                self._fails_hz = min(upper_hz, self._fails_hz or math.inf)
+                self._candidate_hz = max(learnt_hz, self.minimum_hz)
+                self._prove()
+
     @property
     def _failed_hz(self) -> list[float]:
         """The rates that the graph did not sustain."""
@@ -558,7 +571,7 @@ class PeakSearch:
             self._probes.append(outcome.probe)
             self._watch(outcome)
         if outcome.sustained is None:
-            self._open[rate_hz] = outcome.relative_half_width
+            self._open.append(rate_hz)
         elif outcome.sustained:
             if self._lower is None or rate_hz > self._lower.rate_hz:
                 self._lower = outcome.probe
@@ -582,9 +595,12 @@ class PeakSearch:
         upper_hz = self._fails_hz or self.maximum_hz
         if upper_hz / lower_hz <= 1 + self.precision:
             return None
-        around = sorted(rate for rate in self._open if lower_hz <= rate <= upper_hz)
-        if around:
-            return self._next_to_open(around, lower_hz, upper_hz)
+        if around := sorted(rate for rate in self._open if lower_hz <= rate <= upper_hz):
+            # The ends move towards what is undecided, which stays between them.
+            gaps = (lower_hz, around[0]), (around[-1], upper_hz)
+            wide = (gap for gap in gaps if gap[1] / gap[0] > 1 + self.precision)
+            gap = next(wide, None) if len(self._open) < _MAX_OPEN_PROBES else None
+            return math.sqrt(gap[0] * gap[1]) if gap is not None else None
         if self._holds_hz is None or self._fails_hz is None:
             return None
         return self._between(self._holds_hz, self._fails_hz)
@@ -602,31 +618,6 @@ class PeakSearch:
         if holds_hz >= guess_hz:
             return min(middle_hz, holds_hz * step)
         return max(middle_hz, fails_hz / step)
-
-    def _next_to_open(self, around: list[float], lower_hz: float, upper_hz: float) -> float | None:
-        """Return a rate below or above the undecided ones.
-
-        None if both gaps are as narrow as possible.
-
-        Args:
-            around: the undecided rates of the bracket, ascending.
-            lower_hz: the lower end of the bracket.
-            upper_hz: its upper end.
-        """
-        if len(self._open) >= _MAX_OPEN_PROBES:
-            return None
-        below_hz, above_hz = around[0], around[-1]
-        down, up = (
-            1
-            + min(max(self.precision, self._open[bound_hz]), _MAX_STEP) * 2.0 ** (len(around) // 2)
-            for bound_hz in (below_hz, above_hz)
-        )
-        # A gap of one step is as narrow as possible.
-        if below_hz / lower_hz > down * 1.001:
-            return below_hz / down
-        if upper_hz / above_hz > up * 1.001:
-            return above_hz * up
-        return None
 
 
 def unexplained_end(probes: Sequence[Probe], lower_hz: float, fails_hz: float) -> float | None:

@@ -224,7 +224,6 @@ class RateProber:
                 played_s=observation.playback.size / rate_hz,
             ),
             limited_by_player=judgement.limited_by_player,
-            relative_half_width=judgement.relative_half_width,
             departures=worst.departures if worst is not None else None,
             drop_share=worst.overall.drop_share if worst is not None else 0.0,
         )

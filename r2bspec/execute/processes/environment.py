@@ -120,15 +120,6 @@ class RunEnvironment:
         self._common |= self.middleware.configure(self.transport, scratch)
         self.segment_bytes = self.middleware.segment_bytes(self.transport)
 
-    def is_same_as(self, other: RunEnvironment) -> bool:
-        """Return True if processes get the same variables.
-
-        The content of files that the variables name may differ.
-
-        The middleware reads its files when a process initialises ROS, not before.
-        """
-        return self._common == other._common
-
     def for_harness(self, changes: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
         """Return the environment of loader, player and monitor, and of nodes beside them."""
         return self._common | _HARNESS_ALLOCATOR | dict(changes)

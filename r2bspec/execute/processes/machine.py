@@ -19,7 +19,7 @@ from typing import Any
 import psutil
 
 from r2bspec._version import __version__
-from r2bspec.execute.errors import OtherMachineError
+from r2bspec.execute.errors import CertainRunError
 from r2bspec.execute.processes.devices import describe_devices
 from r2bspec.middleware.middleware import middleware_of, selected_rmw
 from r2bspec.plan.plan import Plan
@@ -110,13 +110,14 @@ def check_machine(plan: Plan) -> None:
     """Check that this machine is what a plan requires.
 
     Raises:
-        OtherMachineError: it is not.
+        CertainRunError: it is not (R2B677).
     """
     if plan.requires and (lacks := unmet(plan.requires, this_machine())):
-        raise OtherMachineError(
+        raise CertainRunError(
             f"this machine is not what the spec requires: {'; '.join(lacks)}",
             hint=f"Run it on a host that fits, for example with --on. {LABELS_VARIABLE} has the "
             "labels of this machine.",
+            code="R2B677",
         )
 
 

@@ -12,10 +12,8 @@ also keeps other users out of its shared memory, which the umask does not do.
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import random
-import re
 import resource
 import shutil
 import socket
@@ -42,7 +40,6 @@ from r2bspec.native.build import BuildError, harness_library, harness_program
 from r2bspec.plan.command_lines import EXECUTABLE
 from r2bspec.plan.plan import Plan, ProcessPlan
 from r2bspec.plan.this_machine import PACKAGE_INDEX, ament_prefixes
-from r2bspec.safe_io.limits import MIN_RUN_ADDRESS_SPACE
 
 
 def resolve_argv(plan: ProcessPlan) -> list[str]:
@@ -67,13 +64,10 @@ def built(make: Callable[[], Path]) -> Path:
 
     Raises:
         NotInstalledError: it cannot be built on this machine (R2B668).
-        CertainRunError: a limit is why.
     """
     try:
         return make()
     except BuildError as error:
-        if limit := limit_error(str(error)):
-            raise limit from error
         raise errors.NotInstalledError(str(error), hint=error.hint, code=error.code) from error
 
 
@@ -196,7 +190,7 @@ def reserved_domain() -> Iterator[int]:
     The reservation is a bound port, which the kernel releases when the process exits.
 
     Raises:
-        NoLoopbackError: this machine's processes cannot reach one another.
+        CertainRunError: this machine's processes cannot reach one another (R2B699).
         RunError: all domains are taken.
     """
     require_loopback()
@@ -219,13 +213,14 @@ def domain_of_user() -> int:
     """Return the domain of the user, in which external nodes run.
 
     Raises:
-        DomainError: the environment names none.
+        CertainRunError: the environment names none (R2B655).
     """
     text = (os.environ.get("ROS_DOMAIN_ID") or "0").strip()
     if not (text.isascii() and text.isdigit() and int(text) <= _LAST_DOMAIN):
-        raise errors.DomainError(
+        raise errors.CertainRunError(
             f"ROS_DOMAIN_ID is {clip(text)!r}, no number from 0 to {_LAST_DOMAIN}",
             hint="Set it to the domain of the nodes that already run, or unset it.",
+            code="R2B655",
         )
     return int(text)
 
@@ -236,98 +231,19 @@ def require_loopback() -> None:
     Every middleware discovers over it; without it nodes start and never discover each other.
 
     Raises:
-        NoLoopbackError: nothing can be sent.
+        CertainRunError: nothing can be sent (R2B699).
     """
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
             receiver.bind(("127.0.0.1", 0))
             receiver.sendto(b"", receiver.getsockname())
     except OSError as error:
-        raise errors.NoLoopbackError(
+        raise errors.CertainRunError(
             f"processes cannot reach one another over 127.0.0.1: {error.strerror or error}",
             hint="Bring the loopback interface up: ip link set lo up (in a new network namespace "
             "it is down).",
+            code="R2B699",
         ) from error
-
-
-_LIMITS = {
-    resource.RLIMIT_AS: ("the address space of a process", "B", "-v"),
-    resource.RLIMIT_FSIZE: ("the size of a file", "B", "-f"),
-    resource.RLIMIT_NPROC: ("the number of threads of this user", "", "-u"),
-    resource.RLIMIT_NOFILE: ("the number of open files of a process", "", "-n"),
-}
-
-
-def limit_text(number: int) -> str:
-    """Return in words a limit of this user that processes of a run inherit.
-
-    Empty if there is none.
-    """
-    what, unit, option = _LIMITS[number]
-    soft, _ = resource.getrlimit(number)
-    unlimited = soft == resource.RLIM_INFINITY
-    return "" if unlimited else f"{what} is limited to {show(soft, unit)} (ulimit {option})"
-
-
-def with_limits(hint: str) -> str:
-    """Extend the hint of a failed process by the limits of this user, which may be the cause."""
-    limits = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE)
-    texts = " and ".join(filter(None, map(limit_text, limits)))
-    return f"{hint} A limit may be the cause: {texts}.".strip() if texts else hint
-
-
-def require_address_space() -> None:
-    """Check that processes may use the address space that Python with rclpy and NumPy takes.
-
-    Raises:
-        AddressSpaceError: they may not.
-    """
-    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if soft != resource.RLIM_INFINITY and soft < MIN_RUN_ADDRESS_SPACE:
-        raise errors.AddressSpaceError(limit_text(resource.RLIMIT_AS), hint=_MORE_ADDRESS_SPACE)
-
-
-_MORE_ADDRESS_SPACE = (
-    "Raise or remove it: ulimit -v unlimited. Processes of a run need 1 GiB and more."
-)
-
-_NO_MEMORY = re.compile(
-    r"(?i)failed to map|cannot allocate memory|memory allocation|\bMemoryError\b|bad_alloc"
-)
-"""What the loader, libc, OpenBLAS, Python and C++ say where an allocation fails."""
-
-_NO_THREAD = re.compile(
-    r"can't start new thread|pthread_create"
-    r"|(fork|BlockingIOError|cannot be started)\b.*Resource temporarily unavailable"
-)
-"""What they say where no process or thread can be started; a thread needs address space, too."""
-
-
-def limit_error(message: str, output: str = "", hint: str = "") -> errors.CertainRunError | None:
-    """Return the error of the limit that caused a failure; None if no limit is known to.
-
-    Args:
-        message: what has failed, and how.
-        output: what it has said last.
-        hint: what else there is to say.
-    """
-    text = f"{message}\n{output}"
-    needs_thread = _NO_THREAD.search(text)
-    if (needs_thread or _NO_MEMORY.search(text)) and (limit := limit_text(resource.RLIMIT_AS)):
-        return errors.AddressSpaceError(f"{limit}; {message}", hint=f"{_MORE_ADDRESS_SPACE} {hint}")
-    if needs_thread:
-        limit = limit_text(resource.RLIMIT_NPROC) or "the control group of this process is full"
-        return errors.ProcessLimitError(
-            f"no process or thread can be started: {limit}; {message}",
-            hint="End programs of this user, or raise the limit: ulimit -u, TasksMax of a service, "
-            f"--pids-limit of a container. {hint}".strip(),
-        )
-    if os.strerror(errno.EMFILE) in text:
-        return errors.ProcessLimitError(
-            f"{limit_text(resource.RLIMIT_NOFILE)}; {message}",
-            hint=f"Raise it: ulimit -n 1024. {hint}".strip(),
-        )
-    return None
 
 
 def require_free_shared_memory(
@@ -349,37 +265,40 @@ def require_free_shared_memory(
         folder: where shared memory lies.
 
     Raises:
-        SharedMemoryError: there is less room.
+        CertainRunError: there is less room (R2B664).
     """
     if not segment_bytes:
         return
     try:
         free = shutil.disk_usage(folder).free
     except OSError as error:
-        raise errors.SharedMemoryError(
+        raise errors.CertainRunError(
             f"there is no shared memory in {folder}: {error.strerror or error}",
             hint="Mount a tmpfs there, or state transport: udp.",
+            code="R2B664",
         ) from error
     largest_file = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
     if largest_file != resource.RLIM_INFINITY and largest_file < segment_bytes:
-        raise errors.SharedMemoryError(
-            f"{limit_text(resource.RLIMIT_FSIZE)}; a segment of shared memory needs "
-            f"{show(segment_bytes, 'B')}",
+        raise errors.CertainRunError(
+            f"the size of a file is limited to {show(largest_file, 'B')} (ulimit -f); a segment of "
+            f"shared memory needs {show(segment_bytes, 'B')}",
             hint="Raise the limit (ulimit -f unlimited), or state transport: udp, or smaller "
             "segments (transport: {kind: shared_memory, segment: ...}).",
+            code="R2B664",
         )
     # The observer, which no plan lists, runs with the measured graph.
     processes = len(plan.processes_in(phase)) + (phase == "measure")
     required_bytes = middleware.required_shm_bytes(processes, segment_bytes)
     if free < required_bytes:
         suggested_mib = -(-required_bytes * 5 // (4 << 20))  # with some to spare
-        raise errors.SharedMemoryError(
+        raise errors.CertainRunError(
             f"{folder} has {show(free, 'B')} free; the {processes} processes of the {phase} phase "
             f"need {show(required_bytes, 'B')}, a segment of {show(segment_bytes, 'B')} each",
             hint=f"Make it larger (in a container: --shm-size={suggested_mib}m; else: mount -o "
             f"remount,size={suggested_mib}m {folder}), or state transport: udp, or smaller "
             "segments (transport: {kind: shared_memory, segment: ...}). 'r2bspec doctor --clean' "
             "frees what dead runs have left.",
+            code="R2B664",
         )
 
 

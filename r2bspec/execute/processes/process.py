@@ -27,8 +27,7 @@ from r2bspec.errors import OUTPUT_FOLLOWS
 from r2bspec.ipc import protocol
 from r2bspec.ipc.native_protocol import NativeCodec
 from r2bspec.ipc.process_cleanup import ProcessSession, SessionLeader, kill_process_groups
-from r2bspec.record.run_record import AppliedSettings
-from r2bspec.safe_io.limits import MAX_RUN_FOLDER_LEVELS
+from r2bspec.record.run_record import ThreadSchedulingRecord
 
 MAX_LOG_BYTES = 32 << 20
 """Larger logs are truncated."""
@@ -70,27 +69,14 @@ class LogLimiter:
         if not now and time.monotonic() < self._next_s:
             return
         self._next_s = time.monotonic() + _PERIOD_S
-        for folder in self._folders:
-            # A folder may not be there yet.
+        for log in (path for folder in self._folders for path in folder.rglob("*")):
+            # A node may write there, too, and remove what it has written.
             with contextlib.suppress(OSError):
-                for where, below, names, descriptor in os.fwalk(folder):
-                    # A node may write there, too, deeper than functions are called.
-                    if len(Path(where).relative_to(folder).parts) == MAX_RUN_FOLDER_LEVELS:
-                        below.clear()
-                    for name in names:
-                        with contextlib.suppress(OSError):
-                            self._keep_small(Path(where, name), descriptor)
-
-    def _keep_small(self, log: Path, folder: int) -> None:
-        """Cut a log if it is too large and a file of its own: no link of either kind."""
-        status = os.stat(log.name, dir_fd=folder, follow_symlinks=False)
-        if status.st_size <= MAX_LOG_BYTES or not _is_own_file(status):
-            return
-        flags = os.O_RDWR | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-        with os.fdopen(os.open(log.name, flags, dir_fd=folder), "ab+", buffering=0) as file:
-            # It may have been replaced since it was looked at.
-            if _is_own_file(os.fstat(file.fileno())):
-                self._truncate(log, file)
+                status = log.lstat()
+                # No link of either kind: the file may be elsewhere, too.
+                if status.st_size > MAX_LOG_BYTES and _is_own_file(status):
+                    with log.open("ab+", buffering=0) as file:
+                        self._truncate(log, file)
 
     def _truncate(self, log: Path, file: io.FileIO) -> None:
         size = file.seek(0, os.SEEK_END)
@@ -243,7 +229,7 @@ class ManagedProcess:
         self.log_start = 0
         self.parts: dict[str, ManagedProcess] = {}
         self.signals: list[int] = []
-        self.applied = AppliedSettings()
+        self.scheduling: tuple[ThreadSchedulingRecord, ...] = ()
         codec = NativeCodec()
         self._encode: Callable[[Any], bytes] = codec.encode if native else protocol.encode
         self._decode: Callable[[bytes], Any] = codec.decode if native else protocol.decode_reply

@@ -8,9 +8,9 @@ Host interference: counters for the load of other processes. All values are cumu
 difference of two readings is the interference between them. A value that the system does not
 provide is NaN, never zero.
 
-Descendants of a process are found by their parents. Processes whose parents have ended, daemons and
-what a launcher leaves behind, are in no tree: they carry the id of the run in their environment,
-which every process inherits and which is read once for each process of the machine.
+A process belongs to the session that the run has opened for it. What opens a session of its own is
+found by its parent; if that has ended, it still has the id of the run in its environment, which
+every process inherits and which is read once for each process of the machine.
 
 How long a process was runnable but had no processor is counted for every thread, in the second
 field of ``/proc/PID/task/TID/schedstat``, in nanoseconds: it is the time that other programs, or
@@ -42,7 +42,6 @@ from r2bspec.plan.this_machine import control_groups
 from r2bspec.record.sample_arrays import DEVICE_DTYPE, INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
 
 _SYSTEM = Path("/")
-
 
 _PROC: Final = Path("/proc")
 
@@ -149,47 +148,44 @@ def _largest(counters: _Counters, paths: list[Path]) -> float:
     return max((value for value in values if not math.isnan(value)), default=math.nan)
 
 
-class OrphanFinder:
-    """Finds orphans; each is attributed to the process of the run that it descends from."""
+class Members:
+    """The processes of a run: each belongs to the process of the plan that it descends from.
+
+    A process belongs to the leader of its session, or else to whom its parent belongs. One that
+    only has the id of the run in its environment belongs to no process that is known.
+    """
 
     def __init__(self, run_id: str) -> None:
-        """Remember the run; with an empty id there are no orphans."""
+        """Remember the run; with an empty id, no environment is read."""
         self._run_id = run_id
-        self._belongs: dict[int, bool] = {}
-        self._owners: dict[int, int] = {}
+        self._owners: dict[int, int | None] = {}
 
-    def find(
-        self, descendants: Mapping[int, int], leaders: Mapping[int, int], unknown: int
-    ) -> dict[int, int]:
-        """Return the orphans that run now: process id to the index of the process it belongs to.
+    def find(self, leaders: Mapping[int, int], unknown: int) -> dict[int, list[int]]:
+        """Return the running processes of each process of the plan.
 
         Args:
-            descendants: process id to index, of all processes of the run that have a parent in it,
-                and of those that the controller started.
-            leaders: process id to index, of all processes that the controller has ever started;
-                each is the leader of a session.
-            unknown: the index for orphans of which only the run is known.
+            leaders: process id to index, of all processes that the controller has started; each is
+                the leader of a session.
+            unknown: the index for processes of which only the run is known.
         """
-        if not self._run_id:
-            return {}
-        running = set(psutil.pids())
-        # Numbers are used again.
-        self._belongs = {pid: ours for pid, ours in self._belongs.items() if pid in running}
-        self._owners = {pid: index for pid, index in self._owners.items() if pid in running}
-        self._owners |= descendants
-        for pid in running - self._belongs.keys():
-            self._belongs[pid] = pid in descendants or carries_run_id(pid, self._run_id)
-        counts: dict[int, int] = {}
-        for pid, ours in self._belongs.items():
-            if ours and pid not in descendants and pid not in leaders and pid != os.getpid():
-                if pid not in self._owners:
-                    session = _session_of(pid)
-                    if session == pid and _parent_of(pid) == os.getpid():
-                        # The controller has just started it, and is about to add it.
-                        continue
-                    self._owners[pid] = leaders.get(session, unknown)
-                counts[pid] = self._owners[pid]
-        return counts
+        running = sorted({*psutil.pids()} - {os.getpid()})
+        owners: dict[int, int | None] = {}
+        for pid in running:
+            if pid in leaders:
+                owners[pid] = leaders[pid]
+            elif pid in self._owners:
+                owners[pid] = self._owners[pid]
+            # The controller may be about to add a child of its own.
+            elif (parent := _parent_of(pid)) != os.getpid():
+                owner = leaders.get(_session_of(pid), owners.get(parent))
+                is_of_run = owner is None and carries_run_id(pid, self._run_id)
+                owners[pid] = unknown if is_of_run else owner
+        self._owners = owners
+        members: dict[int, list[int]] = {}
+        for pid, owner in owners.items():
+            if owner is not None:
+                members.setdefault(owner, []).append(pid)
+        return members
 
 
 def _parent_of(pid: int) -> int:
@@ -258,7 +254,7 @@ class RunQueueWaits:
 def family(pid: int) -> list[int]:
     """Return a process and all its descendants."""
     with contextlib.suppress(psutil.Error):
-        return [member.pid for member in _with_descendants(psutil.Process(pid))]
+        return [pid, *(child.pid for child in psutil.Process(pid).children(recursive=True))]
     return [pid]
 
 
@@ -284,10 +280,10 @@ class ResourceSampler:
         Args:
             run_id: of the run; without it, processes whose parents have ended are not found.
         """
-        self._processes: list[psutil.Process | None] = []
         self._leaders: dict[int, int] = {}
-        self._orphans = OrphanFinder(run_id)
+        self._members = Members(run_id)
         self._uses: dict[int, _Use] = {}
+        self._orphans = _Use()
         self._waits = RunQueueWaits()
         # Packed in the format of the file: a day of samples takes some ten megabytes.
         self._rows = bytearray()
@@ -296,7 +292,6 @@ class ResourceSampler:
         self._device_rows = bytearray()
         self._devices = DeviceReader()
         self._self = psutil.Process()
-        self._resident: dict[int, int] = {}
         self._requested_ns: list[int] = []
         self._lock = threading.Condition()
         self._stopped = False
@@ -308,12 +303,9 @@ class ResourceSampler:
 
     def add(self, pid: int) -> None:
         """Sample one more process, with its descendants."""
-        process = None
-        with contextlib.suppress(psutil.Error):
-            process = psutil.Process(pid)
         with self._lock:
-            self._leaders[pid] = len(self._processes)
-            self._processes.append(process)
+            self._leaders[pid] = len(self._uses)
+            self._uses[len(self._uses)] = _Use()
 
     def sample_at(self, time_ns: int) -> None:
         """Schedule a sample at a time (CLOCK_MONOTONIC); a past time means immediately."""
@@ -323,7 +315,7 @@ class ResourceSampler:
 
     def resident(self, pid: int) -> int:
         """Return the last sampled resident memory of a process and its descendants, in bytes."""
-        return self._resident.get(pid, 0)
+        return self._uses[self._leaders[pid]].resident if pid in self._leaders else 0
 
     def stop(self) -> tuple[Rows, Rows]:
         """Stop sampling, and return `rows` and `interference`."""
@@ -369,8 +361,7 @@ class ResourceSampler:
 
     def _sample(self) -> None:
         with self._lock:
-            processes = list(enumerate(self._processes))
-            leaders = dict(self._leaders)
+            leaders, uses = dict(self._leaders), {**self._uses, ORPHANS_INDEX: self._orphans}
         self._interference_rows += _INTERFERENCE.pack(
             time.monotonic_ns(), *self._interference.read()
         )
@@ -381,84 +372,22 @@ class ResourceSampler:
             (CONTROLLER_INDEX, ours.user + ours.system, self._self.memory_info().rss),
         ):
             self._rows += _RESOURCES.pack(time.monotonic_ns(), index, used_s, used_bytes, math.nan)
-        trees = {
-            number: _with_descendants(process)
-            for number, process in processes
-            if process is not None
-        }
-        members = {listed.pid: number for number, tree in trees.items() for listed in tree}
-        orphans: dict[int, list[psutil.Process]] = {}
-        found = self._orphans.find(members, leaders, ORPHANS_INDEX)
-        self._device_rows += b"".join(self._devices.rows(members | found))
-        for pid, number in found.items():
-            with contextlib.suppress(psutil.Error):
-                orphans.setdefault(number, []).append(psutil.Process(pid))
-        for number, process in [*processes, (ORPHANS_INDEX, None)]:
-            self._sample_process(number, process, trees.get(number, []), orphans.get(number, []))
-
-    def _sample_process(
-        self,
-        number: int,
-        process: psutil.Process | None,
-        tree: list[psutil.Process],
-        orphans: list[psutil.Process],
-    ) -> None:
-        """Append the row of one process, its descendants, and the orphans that belong to it."""
-        use = self._uses.setdefault(number, _Use())
-        now_ns = time.monotonic_ns()
-        if process is not None:
-            try:
-                use.read_tree(process, tree)
-            except psutil.Error:
-                with self._lock:
-                    self._processes[number] = None
-                process, tree = None, []
-                use.end_tree()
-        if process is None and not orphans:
-            return
-        use.read_orphans(orphans)
-        if process is not None:
-            self._resident[process.pid] = use.resident
-        pids = [listed.pid for listed in (*tree, *orphans)]
-        waited_s = self._waits.update(number, pids)
-        self._rows += _RESOURCES.pack(now_ns, number, use.cpu_s, use.resident, waited_s)
-
-
-def _descendants(process: psutil.Process) -> list[psutil.Process]:
-    """Return all running descendants of a process.
-
-    If the kernel was built with lists of the children of each thread, they are used; psutil reads
-    the parent of every process of the machine instead, which takes most of the time of a sample.
-    """
-    found: list[psutil.Process] = []
-    waiting = [process.pid]
-    while waiting:
-        tasks = Path(f"/proc/{waiting.pop()}/task")
-        try:
-            children = {
-                int(child)
-                for task in tasks.iterdir()
-                for child in (task / "children").read_text().split()
-            }
-        except OSError:
-            # The process or one of its threads has just exited, or the kernel has no such lists.
-            return process.children(recursive=True)
-        waiting += children
-        for child in children:
-            with contextlib.suppress(psutil.Error):
-                found.append(psutil.Process(child))
-    return found
-
-
-def _with_descendants(process: psutil.Process) -> list[psutil.Process]:
-    """Return a process and all its running descendants; of one that has exited, only itself."""
-    with contextlib.suppress(psutil.Error):
-        return [process, *_descendants(process)]
-    return [process]
+        members = self._members.find(leaders, ORPHANS_INDEX)
+        owners = {pid: index for index, pids in members.items() for pid in pids}
+        self._device_rows += b"".join(self._devices.rows(owners))
+        for index, use in uses.items():
+            now_ns, pids = time.monotonic_ns(), members.get(index, [])
+            use.read(pids)
+            if pids:
+                waited_s = self._waits.update(index, pids)
+                self._rows += _RESOURCES.pack(now_ns, index, use.cpu_s, use.resident, waited_s)
 
 
 class _Use:
-    """What a process has used, with its descendants, and with orphans that were descendants.
+    """What a process has used, with its descendants.
+
+    The time of a process that has ended is in the ``children_*`` fields of its parent, if that has
+    waited for it; else what was last read of it stays counted.
 
     Attributes:
         cpu_s: CPU time in seconds; it never falls.
@@ -468,64 +397,26 @@ class _Use:
     def __init__(self) -> None:
         self.cpu_s = 0.0
         self.resident = 0
-        self._tree: dict[int, float] = {}
+        self._running: dict[int, tuple[float, int]] = {}
         self._ended_s = 0.0
-        self._ended_tree: dict[int, float] = {}
-        self._orphans: dict[int, _OrphanUse] = {}
 
-    def read_tree(self, process: psutil.Process, tree: list[psutil.Process]) -> None:
-        """Read a process that runs, and its descendants.
-
-        Raises:
-            psutil.NoSuchProcess: the process has exited.
-        """
-        times_s: dict[int, float] = {}
-        resident = 0
-        for listed in tree:
-            try:
-                times_s[listed.pid], memory = _read_use(listed)
-                resident += memory
-            except psutil.NoSuchProcess:
-                if listed is process:
-                    raise
-        self._tree, self.resident = times_s, resident
-
-    def end_tree(self) -> None:
-        """The process has exited: what its tree had used stays counted."""
+    def read(self, pids: Iterable[int]) -> None:
+        """Read the processes that run now; one that ends meanwhile is left out."""
+        before, self._running = self._running, {}
         self.resident = 0
-        self._ended_s += sum(self._tree.values())
-        self._ended_tree, self._tree = self._tree, {}
-
-    def read_orphans(self, orphans: list[psutil.Process]) -> None:
-        """Read the orphans that run; the time of one that has exited stays counted."""
-        running = {survivor.pid for survivor in orphans}
-        # If its parent is an orphan, too, that one's times have it now.
-        self._orphans = {
-            pid: use for pid, use in self._orphans.items() if pid in running or not use.has_parent
-        }
-        for found_orphan in orphans:
+        for pid in pids:
             with contextlib.suppress(psutil.Error):
-                used_s, memory = _read_use(found_orphan)
-                self._orphans[found_orphan.pid] = _OrphanUse(used_s, found_orphan.ppid() in running)
-                # Of a tree that has ended, it is counted already.
-                self._ended_s -= self._ended_tree.pop(found_orphan.pid, 0.0)
-                self.resident += memory
-        orphans_s = sum(survivor.cpu_s for survivor in self._orphans.values())
-        # One that exits between the readings of its parent and its own is missing in this sample.
-        self.cpu_s = max(self.cpu_s, sum(self._tree.values()) + self._ended_s + orphans_s)
-
-
-class _OrphanUse(NamedTuple):
-    cpu_s: float
-    has_parent: bool
-
-
-def _read_use(process: psutil.Process) -> tuple[float, int]:
-    """CPU time in seconds, with that of descendants that have exited, and resident bytes.
-
-    The time of descendants that have exited is in the `children_*` fields of their parents.
-    """
-    with process.oneshot():
-        times = process.cpu_times()
-        used_s = times.user + times.system + times.children_user + times.children_system
-        return used_s, process.memory_info().rss
+                process = psutil.Process(pid)
+                with process.oneshot():
+                    times, parent = process.cpu_times(), process.ppid()
+                    own_s = times.user + times.system
+                    used_s = own_s + times.children_user + times.children_system
+                    self.resident += process.memory_info().rss
+                self._running[pid] = used_s, parent
+        self._ended_s += sum(
+            used_s
+            for pid, (used_s, parent) in before.items()
+            if pid not in self._running and parent not in self._running
+        )
+        running_s = sum(used_s for used_s, _ in self._running.values())
+        self.cpu_s = max(self.cpu_s, running_s + self._ended_s)

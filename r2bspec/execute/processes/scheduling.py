@@ -1,13 +1,9 @@
-"""The scheduling of the processes of the graph and their threads: tested, set, and read back.
+"""The scheduling of the processes of the graph: tested, set, and read back.
 
 What the system forbids is determined before anything is started, by trying it on a short-lived
 thread: a process may have the capability while its control group still refuses. Only then is the
 responsible limit looked up. Threads and descendants inherit the settings that a process gets before
-it starts any; named threads get theirs when the graph is ready and after the warm-up, because they
-do not exist before.
-
-Memory cannot be locked from outside, nor before a program is executed: an object that is preloaded
-does it (``native/join.c``), and what the kernel says of it is read back.
+it starts any.
 """
 
 from __future__ import annotations
@@ -15,24 +11,20 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import re
 import resource
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Final
 
 import msgspec
-import psutil
 
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.processes.resources import family
-from r2bspec.language.spec import ThreadScheduling
 from r2bspec.plan.plan import ProcessPlan
-from r2bspec.plan.this_machine import CAP_IPC_LOCK, CAP_SYS_NICE, has_capability
-from r2bspec.record.run_record import AppliedSettings, ThreadSchedulingRecord
+from r2bspec.plan.this_machine import CAP_SYS_NICE, has_capability
+from r2bspec.record.run_record import ThreadSchedulingRecord
 
 _POLICIES: Final = {
     "other": os.SCHED_OTHER,
@@ -52,50 +44,37 @@ def require_permitted(processes: Sequence[ProcessPlan]) -> None:
             the limit that forbids it.
     """
     for plan in processes:
-        _try(plan, plan)
-        if has_memory_lock(plan):
-            _require_memory_lock(plan.name)
-        for thread in plan.scheduling.threads if plan.scheduling else ():
-            _try(plan, thread)
-
-
-def _try(plan: ProcessPlan, wanted: ProcessPlan | ThreadScheduling) -> None:
-    # Linux applies all of it to the calling thread alone, which then ends.
-    with ThreadPoolExecutor(1) as alone:
-        alone.submit(_apply, plan.name, wanted, 0).result()
+        # Linux applies all of it to the calling thread alone, which then ends.
+        with ThreadPoolExecutor(1) as alone:
+            alone.submit(apply_to_process, plan, 0).result()
 
 
 def apply_to_process(plan: ProcessPlan, pid: int) -> None:
     """Schedule a process that has just been started, before its program starts a thread.
 
+    Args:
+        plan: of the process.
+        pid: its id; 0 is the calling thread.
+
     Raises:
         RunError: as for `require_permitted`.
     """
     with contextlib.suppress(ProcessLookupError):
-        _apply(plan.name, plan, pid)
-        if has_memory_lock(plan):
-            hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
-            resource.prlimit(pid, resource.RLIMIT_MEMLOCK, (hard, hard))
-
-
-def _apply(name: str, wanted: ProcessPlan | ThreadScheduling, task: int) -> None:
-    """Schedule a task: a process that has one thread yet, or a thread; 0 is the calling one."""
-    settings = wanted.scheduling if isinstance(wanted, ProcessPlan) else wanted
-    if wanted.cpus:
-        try:
-            os.sched_setaffinity(task, wanted.cpus)
-        except ProcessLookupError:
-            raise
-        except (OSError, ValueError) as error:
-            raise _no_such_cpus(name, wanted.cpus) from error
-    if wanted.nice:
-        with _refused(name, f"a nice value of {wanted.nice}", lambda: _nice_limit(wanted.nice)):
-            os.setpriority(os.PRIO_PROCESS, task, wanted.nice)
-    if settings is not None and settings.policy is not None:
-        priority = settings.priority
-        what = f"the policy {settings.policy}" + (f" with priority {priority}" if priority else "")
-        with _refused(name, what, lambda: _policy_limit(priority)):
-            os.sched_setscheduler(task, _POLICIES[settings.policy], os.sched_param(priority))
+        if plan.cpus:
+            try:
+                os.sched_setaffinity(pid, plan.cpus)
+            except ProcessLookupError:
+                raise
+            except (OSError, ValueError) as error:
+                raise _no_such_cpus(plan.name, plan.cpus) from error
+        if plan.nice:
+            with _refused(plan.name, f"a nice value of {plan.nice}", _nice_limit(plan.nice)):
+                os.setpriority(os.PRIO_PROCESS, pid, plan.nice)
+        if plan.scheduling is not None and plan.scheduling.policy is not None:
+            policy, priority = plan.scheduling.policy, plan.scheduling.priority
+            what = f"the policy {policy}" + (f" with priority {priority}" if priority else "")
+            with _refused(plan.name, what, _policy_limit(priority)):
+                os.sched_setscheduler(pid, _POLICIES[policy], os.sched_param(priority))
 
 
 def _no_such_cpus(name: str, cpus: Sequence[int]) -> RunError:
@@ -115,13 +94,13 @@ def _no_such_cpus(name: str, cpus: Sequence[int]) -> RunError:
 
 
 @contextlib.contextmanager
-def _refused(name: str, what: str, why: Callable[[], str]) -> Iterator[None]:
+def _refused(name: str, what: str, limit: str) -> Iterator[None]:
     try:
         yield
     except ProcessLookupError:
         raise
     except OSError as error:
-        reason = why() if error.errno in {errno.EPERM, errno.EACCES} else str(error)
+        reason = limit if error.errno in {errno.EPERM, errno.EACCES} else str(error)
         raise RunError(
             f"process {name}: {what} is not permitted: {reason}",
             hint="Raise the limit for this user in /etc/security/limits.d, with LimitRTPRIO= and "
@@ -145,106 +124,6 @@ def _policy_limit(priority: int) -> str:
 
 def _capability() -> str:
     return "" if has_capability(CAP_SYS_NICE) else ", or the capability CAP_SYS_NICE"
-
-
-def has_memory_lock(plan: ProcessPlan) -> bool:
-    """Return whether a process of a plan locks its memory."""
-    return plan.scheduling is not None and plan.scheduling.memory_lock
-
-
-def _require_memory_lock(name: str) -> None:
-    """Refuse what would fail at an allocation in the middle of a run.
-
-    All that a process maps is locked, much of which it never uses; so a limit below the memory of
-    the machine may be met at any time.
-    """
-    hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)[1]
-    enough = hard == resource.RLIM_INFINITY or hard >= psutil.virtual_memory().total
-    if not enough and not has_capability(CAP_IPC_LOCK):
-        raise RunError(
-            f"process {name}: a memory lock is not permitted: RLIMIT_MEMLOCK is {hard >> 10} KiB, "
-            "and 'unlimited' is needed, or the capability CAP_IPC_LOCK",
-            hint="Raise 'memlock' for this user in /etc/security/limits.d, with LimitMEMLOCK= of a "
-            "systemd unit, or with 'docker run --ulimit memlock=-1', and log in again.",
-            code="R2B637",
-        )
-
-
-def locked_bytes(plan: ProcessPlan, pid: int) -> int:
-    """Return how much memory of a process and its descendants is locked.
-
-    Raises:
-        RunError: none is, although the plan asks for it.
-    """
-    locked = sum(map(_locked_bytes_of, family(pid)))
-    if not locked and psutil.pid_exists(pid):
-        raise RunError(
-            f"process {plan.name}: its memory is not locked: it does not initialise rcl, or "
-            "has more memory than can be locked",
-            hint="Its log may have the reason. A program without ROS has to call mlockall itself.",
-            code="R2B637",
-        )
-    return locked
-
-
-def _locked_bytes_of(pid: int) -> int:
-    try:
-        status = Path(f"/proc/{pid}/status").read_text(errors="replace")
-    except OSError:
-        return 0
-    found = re.search(r"^VmLck:\s+(\d+) kB", status, re.MULTILINE)
-    return 1024 * int(found[1]) if found else 0
-
-
-def apply_when_ready(plan: ProcessPlan, pid: int, *, final: bool) -> AppliedSettings:
-    """Apply the settings that need a running process; return all as the kernel has them.
-
-    Args:
-        plan: of the process.
-        pid: its id.
-        final: whether the warm-up is over, so that everything must be there.
-
-    Raises:
-        RunError: something is not, or is not permitted.
-    """
-    return AppliedSettings(
-        scheduling=schedule_threads(plan, pid, final=final),
-        locked_bytes=locked_bytes(plan, pid) if final and has_memory_lock(plan) else 0,
-    )
-
-
-def schedule_threads(
-    plan: ProcessPlan, pid: int, *, final: bool = True
-) -> tuple[ThreadSchedulingRecord, ...]:
-    """Schedule the named threads of a process and its descendants, and return their settings.
-
-    Args:
-        plan: of the process.
-        pid: its id.
-        final: whether a name that no thread has is an error.
-
-    Returns:
-        As read back from the kernel; empty if the plan asks for nothing.
-
-    Raises:
-        RunError: no thread has a name of the plan, or as for `require_permitted`.
-    """
-    scheduling = plan.scheduling
-    if scheduling is None and not plan.cpus and not plan.nice:
-        return ()
-    for thread in scheduling.threads if scheduling else ():
-        named = [task for task, name in _threads(pid) if fnmatchcase(name, thread.name)]
-        for task in named:
-            with contextlib.suppress(ProcessLookupError):
-                _apply(plan.name, thread, task)
-        if not named and final:
-            known = ", ".join(sorted({name for _, name in _threads(pid)})) or "none"
-            raise RunError(
-                f"process {plan.name} has no thread {thread.name!r} after the warm-up",
-                hint=f"Its threads: {known}.",
-                code="R2B653",
-            )
-    return read_scheduling(pid)
 
 
 def read_scheduling(pid: int) -> tuple[ThreadSchedulingRecord, ...]:

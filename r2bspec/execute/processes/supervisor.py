@@ -17,11 +17,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
-import msgspec
-
 from r2bspec.errors import is_refusal
 from r2bspec.execute.errors import NotInstalledError, ProcessDiedError, ProcessFailedError, RunError
-from r2bspec.execute.processes.prerequisites import SharedMemoryModes, limit_error, with_limits
+from r2bspec.execute.processes.prerequisites import SharedMemoryModes
 from r2bspec.execute.processes.process import (
     MAX_SIGTERM_S,
     LogLimiter,
@@ -30,7 +28,6 @@ from r2bspec.execute.processes.process import (
     end_sequentially,
     open_log,
 )
-from r2bspec.execute.states import PhaseClock
 from r2bspec.ipc import protocol
 from r2bspec.ipc.process_cleanup import SessionLeader, clean_up, run_processes
 from r2bspec.middleware.middleware import middleware_of
@@ -78,11 +75,9 @@ class ProcessSupervisor:
         check_interrupt: Callable[[], None],
         on_start: Callable[[ManagedProcess], None] | None = None,
         redact: Callable[[str], str] = str,
-        clock: PhaseClock | None = None,
         events: Path | None = None,
     ) -> None:
         self._redact = redact
-        self._clock = clock or PhaseClock()
         self._run_id = run_id
         self._check_interrupt = check_interrupt
         self._on_start = on_start
@@ -161,11 +156,8 @@ class ProcessSupervisor:
             if error.filename == str(log) or is_refusal(error):
                 # It is not the program that is missing: the log cannot be written.
                 raise
-            text = f"process {name} cannot be started: {command[0]}: {error.strerror or error}"
-            if limit := limit_error(text):
-                raise limit from error
             raise NotInstalledError(
-                text,
+                f"process {name} cannot be started: {command[0]}: {error.strerror or error}",
                 hint="Check the command in the spec, and that it is installed on this machine.",
                 code="R2B621",
             ) from error
@@ -205,7 +197,6 @@ class ProcessSupervisor:
             ProcessFailedError: a process reported an error.
             NotInstalledError: a process reported that something is not installed.
             ProcessDiedError: a process exited unexpectedly.
-            CertainRunError: a limit of this user is why.
             InterruptedRunError: a signal interrupted the run.
         """
         self._check_interrupt()
@@ -250,14 +241,9 @@ class ProcessSupervisor:
         for message in child.inbox:
             if isinstance(message, protocol.Failed):
                 missing = message.code.startswith(_NOT_INSTALLED_PREFIX)
-                text = f"{child.name}: {self._redact(message.message)}"
-                if limit := limit_error(text, child.log_tail(), f"Its output is in {child.log}."):
-                    raise limit
                 raise (NotInstalledError if missing else ProcessFailedError)(
-                    text,
-                    hint=with_limits(
-                        self._redact(message.hint) or f"Its output is in {child.log}."
-                    ),
+                    f"{child.name}: {self._redact(message.message)}",
+                    hint=self._redact(message.hint) or f"Its output is in {child.log}.",
                     code=message.code,
                     blamed=child.name,
                 )
@@ -274,12 +260,9 @@ class ProcessSupervisor:
                 hint="Install it, or unset RMW_IMPLEMENTATION; 'r2bspec doctor' lists what is "
                 "installed.",
             )
-        text = f"process {child.name} {describe_exit(child.process.returncode)}{output}"
-        if limit := limit_error(text, hint=f"Its complete output is in {child.log}."):
-            raise limit
         raise ProcessDiedError(
-            text,
-            hint=with_limits(f"Its complete output is in {child.log}."),
+            f"process {child.name} {describe_exit(child.process.returncode)}{output}",
+            hint=f"Its complete output is in {child.log}.",
             process=child.name,
             output=child.log_tail(),
         )
@@ -325,33 +308,27 @@ class ProcessSupervisor:
             RunError: none was received in time, or from `pump`.
         """
         deadline = time.monotonic() + timeout_s
-        with self.waiting(f"{child.name}: {kind.__name__.lower()}"):
-            while True:
-                while child.inbox:
-                    message = child.inbox.popleft()
-                    if isinstance(message, kind):
-                        return message
-                if time.monotonic() > deadline:
-                    stated_s = timeout_s if stated_timeout_s is None else stated_timeout_s
-                    raise RunError(
-                        f"process {child.name} did not respond within {stated_s:g} s"
-                        f"{child.last_output()}",
-                        hint=f"It may be blocked in a callback or a constructor; see {child.log}",
-                        code=NO_ANSWER,
-                        blamed=child.name,
-                    )
-                self.pump()
-
-    def waiting(self, what: str) -> contextlib.AbstractContextManager[None]:
-        """Count the time of the block as a wait of the controller; see `PhaseClock.waiting`."""
-        return self._clock.waiting(what)
+        while True:
+            while child.inbox:
+                message = child.inbox.popleft()
+                if isinstance(message, kind):
+                    return message
+            if time.monotonic() > deadline:
+                stated_s = timeout_s if stated_timeout_s is None else stated_timeout_s
+                raise RunError(
+                    f"process {child.name} did not respond within {stated_s:g} s"
+                    f"{child.last_output()}",
+                    hint=f"It may be blocked in a callback or a constructor; see {child.log}",
+                    code=NO_ANSWER,
+                    blamed=child.name,
+                )
+            self.pump()
 
     def end(self, children: Iterable[ManagedProcess]) -> None:
         """End some processes, one after another; see `shutdown`."""
         ended = [child for child in children if child.name in self._running]
         in_turn_s = middleware_of(os.environ).exit_in_turn_s
-        with self.waiting("processes: exit"):
-            self._killed += end_sequentially(ended, self._logs.truncate_large, in_turn_s)
+        self._killed += end_sequentially(ended, self._logs.truncate_large, in_turn_s)
         for child in ended:
             self._forget(child)
 
@@ -397,7 +374,7 @@ class ProcessSupervisor:
                 exit_code=child.process.poll(),
                 signals=tuple(child.signals),
                 parts=tuple(child.parts) if child.has_joined_parts else (),
-                **msgspec.structs.asdict(child.applied),
+                scheduling=child.scheduling,
             )
             for child in self._all
         )

@@ -26,14 +26,10 @@ from r2bspec.execute.run_context import RunContext
 from r2bspec.execute.start.segment_observation import (
     DRAIN_POLL_S,
     DrainTimer,
-    ProgressView,
     SegmentObservation,
-    UnaskedOutputs,
-    goes_on,
     last_answer_s,
     output_stopped,
     outstanding_answers,
-    watch_s,
 )
 from r2bspec.ipc import arrivals, protocol
 from r2bspec.ipc.playback_file import PlaybackReader
@@ -148,7 +144,8 @@ class SegmentPlayer:
         # The process of each clock that the player reads, by its index in the record.
         self._clocks: tuple[int, ...] = ()
         self.graph_pids: tuple[int, ...] = ()
-        self._unasked = UnaskedOutputs(lambda found: np.isin(found, self._earlier_stamps()))
+        # Monitors whose messages have answered no step of the last segment.
+        self._unasked: set[str] = set()
 
     def play(
         self,
@@ -173,11 +170,9 @@ class SegmentPlayer:
         first = self._first_rows()
         complete = False
         try:
-            with self._supervisor.waiting(f"{heading.kind.replace('_', '-')}: playing"):
-                play = self._play_command(heading.id, rate_hz, steps, turns)
-                self._play(play, first, stop_condition)
-            with self._supervisor.waiting("answers after the last input"):
-                self._drain(heading.kind, rate_hz, first)
+            play = self._play_command(heading.id, rate_hz, steps, turns)
+            self._play(play, first, stop_condition)
+            self._drain(heading.kind, rate_hz, first)
             complete = True
         finally:
             observation = self._observe(first)
@@ -352,7 +347,6 @@ class SegmentPlayer:
         deadline = begin + self.schedule.span_ns(rate_hz, steps) / 1e9 * 1.5 + _PLAYER_SLACK_S
         next_check = begin + _CHECK_INTERVAL_S
         stopping = False
-        live = self._live(first)
         self._player.send(play)
         # While the player waits for the first due time, so that earlier use is not counted.
         self._context.resources.sample_at(time.monotonic_ns())
@@ -373,7 +367,7 @@ class SegmentPlayer:
                 )
             if now >= next_check:
                 next_check = now + _CHECK_INTERVAL_S
-                self._context.progress.playing(live)
+                self._report_progress(first)
                 if (
                     stop_condition
                     and not stopping
@@ -387,9 +381,10 @@ class SegmentPlayer:
         if self._latching is not None:
             self._supervisor.request(self._latching, protocol.AwaitLatched(), protocol.Matched)
 
-    def _live(self, first: dict[str, int]) -> ProgressView:
-        monitors = {plan.name: (plan, self._monitors[plan.name]) for plan in self._plan.monitors}
-        return ProgressView(self._playback, monitors, first)
+    def _report_progress(self, first: dict[str, int]) -> None:
+        counts = self._counts()
+        received = (counts[name] - first[name] for name in self._monitors)
+        self._context.progress.playing(counts[""] - first[""], min(received, default=0))
 
     def _sample_at_end(self, first: dict[str, int], steps: int, rate_hz: float) -> None:
         """Schedule a resource sample at the end of the last period; the player ends before it."""
@@ -403,8 +398,6 @@ class SegmentPlayer:
         if any(monitor.own_pace for monitor in self._plan.monitors):
             self._await_end(rate_hz, first)
         self._await_answers(kind, first)
-        if kind == "warm_up":
-            self._watch_unasked(first)
 
     def _await_end(self, rate_hz: float, first: dict[str, int]) -> None:
         """Wait until the period of the last step is over: of some outputs, all until then count."""
@@ -413,16 +406,6 @@ class SegmentPlayer:
             span_ns = self.schedule.span_ns(rate_hz, played.size)
             left_ns = int(played["due_ns"][0]) + span_ns - time.monotonic_ns()
             self._supervisor.pump_for(max(0.0, left_ns / 1e9) + DRAIN_POLL_S)
-
-    def _watch_unasked(self, first: dict[str, int]) -> None:
-        """By order, only silence tells an answer from what comes whether inputs do or not."""
-        rows = self._observe(first).monitors
-        waits = [
-            watch_s(rows[monitor.name])
-            for monitor in self._plan.monitors
-            if monitor.match == "order"
-        ]
-        self._supervisor.pump_for(max(waits, default=0.0))
 
     def _await_answers(self, kind: SegmentKind, first: dict[str, int]) -> None:
         timer = DrainTimer(self._plan.drain_timeout.seconds, time.monotonic())
@@ -456,17 +439,17 @@ class SegmentPlayer:
     def _look(self, timer: DrainTimer, now_s: float, first: dict[str, int]) -> bool:
         """Return whether answers are still missing.
 
-        An output that has stopped is not waited for again.
+        An output that has stopped is not waited for again, nor one that comes unasked.
         """
         matched = self._observe(first).all_matched()
-        waited = {name: each for name, each in matched.items() if name not in self._stopped_outputs}
-        asked = [each for name, each in waited.items() if not self._unasked.are_all(name, each)]
-        outstanding = outstanding_answers(asked)
-        if outstanding == "nothing" and len(asked) < len(waited):
-            # The others are heard for a little, so that it can be seen what they are.
-            outstanding = "gaps"
-        lacking = [each for each in asked if each.matching.missed or each.match == "any"]
-        timer.looked(now_s, outstanding, last_answer_s(asked), goes_on=all(map(goes_on, lacking)))
+        waited = [
+            each
+            for name, each in matched.items()
+            if name not in self._stopped_outputs
+            and (name not in self._unasked or each.matching.answered.any())
+        ]
+        outstanding = outstanding_answers(waited)
+        timer.looked(now_s, outstanding, last_answer_s(waited))
         return outstanding != "nothing"
 
     def _store(
@@ -514,8 +497,11 @@ class SegmentPlayer:
             matched = None if segment.live else observation.all_matched()
             self.samples[segment.id] = segment_samples(self._plan, segment, rows_of, matched)
         if not segment.live:
-            for name, each in observation.all_matched().items():
-                self._unasked.remember(name, each)
+            self._unasked = {
+                name
+                for name, each in observation.all_matched().items()
+                if each.rows.size and not each.matching.answered.any()
+            }
         self._stamps.append(observation.playback["stamp_ns"].copy())
         self.segments.append(segment)
         self._context.on_segment()
@@ -549,10 +535,9 @@ class LiveSegmentWatcher(SegmentPlayer):
         complete = False
         try:
             self._context.resources.sample_at(began_ns)
-            live = self._live(first)
             while (left_ns := began_ns + duration_ns - time.monotonic_ns()) > 0:
                 self._supervisor.pump(min(_POLL_S, left_ns / 1e9))
-                self._context.progress.playing(live)
+                self._report_progress(first)
             self._context.resources.sample_at(began_ns + duration_ns)
             complete = True
         finally:

@@ -17,7 +17,6 @@ from r2bspec.execute.diagnose.facts import TRACE_RATE_HZ, TRACE_STEPS, GraphFact
 from r2bspec.execute.diagnose.first_fault import (
     NEVER_MATCHED,
     NO_OUTPUT,
-    certain_topics,
     find_faults,
     full_path,
     path_lines,
@@ -25,7 +24,7 @@ from r2bspec.execute.diagnose.first_fault import (
 from r2bspec.execute.errors import DeadInputError, NoOutputError
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.plan.plan import MonitorPlan
-from r2bspec.record.run_record import Difference, OutputGapRecord, Segment
+from r2bspec.record.run_record import OutputGapRecord, Segment
 
 if TYPE_CHECKING:
     from r2bspec.execute.diagnose.diagnosis import PhaseGraph
@@ -41,8 +40,6 @@ class SilentOutputs:
         rows_dir: receives the rows of the player and the monitors.
         monitor: receives what is traced.
         records: outputs that have stopped.
-        unpaired: what a node lacks that only combines messages of equal stamps, in words; empty if
-            no node with such inputs is silent.
     """
 
     graph: PhaseGraph
@@ -50,7 +47,6 @@ class SilentOutputs:
     monitor: ManagedProcess
     segment_player: SegmentPlayer
     records: list[OutputGapRecord] = field(default_factory=list)
-    unpaired: str = ""
     _late: dict[str, int] = field(default_factory=dict)
 
     def explain_start(self, silent: Collection[str], *, final: bool) -> None:
@@ -83,17 +79,11 @@ class SilentOutputs:
         facts = self._trace()
         faults = find_faults(facts, topics)
         lacking = {fault.name for fault in faults}
-        certain = certain_topics(facts, lacking, graph.remapped_topics())
-        certain |= {fault.name for fault in faults if fault.code in NEVER_MATCHED}
-        certain |= graph.lifecycle.never_active(topics)
-        self.unpaired = next(filter(None, (self._unpaired(facts, each) for each in faults)), "")
+        certain = any(fault.code in NEVER_MATCHED for fault in faults)
         if not final and not certain:
-            found = [each.difference.message for each in graph.lifecycle.waiting(topics)]
-            found += [fault.message for fault in faults]
-            sentences = "; ".join(found) or "no fault was found yet"
+            found = (*graph.lifecycle.waiting(topics), *faults)
+            sentences = "; ".join(each.message for each in found) or "no fault was found yet"
             self.graph.note(f"no messages on {', '.join(topics)} so far: {sentences}")
-            if self.unpaired:
-                self.graph.note(self.unpaired)
             return
         graph.add_unmatched_remappings(facts, lacking)
         hint = "All nodes run, but the source, or a node after it, publishes nothing."
@@ -104,32 +94,8 @@ class SilentOutputs:
             faults,
             topics,
             f"no messages on {', '.join(topics)}",
-            self.unpaired or hint,
+            hint,
             otherwise=NoOutputError,
-            certain=certain,
-        )
-
-    def _unpaired(self, facts: GraphFacts, fault: Difference) -> str:
-        """Return what a silent node lacks if it combines messages of equal stamps.
-
-        Empty if nothing.
-        """
-        numbers = {source.topic: number for number, source in enumerate(self.graph.plan.inputs)}
-        topics = [
-            topic
-            for topic in facts.topics_subscribed_by(fault.owner)
-            if topic in numbers and facts.topics[topic].passed
-        ]
-        wanted = sum(1 << numbers[topic] for topic in topics)
-        if fault.code != NO_OUTPUT or len(topics) < 2:
-            return ""
-        if any(group & wanted == wanted for group in self.segment_player.schedule.stamp_groups()):
-            return ""
-        return (
-            f"No messages of {' and '.join(topics)} have equal stamps. If {fault.owner} combines "
-            "messages of equal stamps only, as message_filters.TimeSynchronizer does, it gets no "
-            "pair: let it allow differences (ApproximateTimeSynchronizer), or record messages of "
-            "equal stamps."
         )
 
     def explain_stop(self, segment: Segment, plan: MonitorPlan) -> None:

@@ -1,7 +1,6 @@
 """The life of a start: the processes of a plan come up once, play, and end.
 
     start              player and monitors, while the processes of Python nodes import ROS
-    harness_overhead   of the harness alone, in the first start of a run and of its confirmation
     graph              the nodes are created, brought into their lifecycle states, and matched
     ready, after_ready what the spec waits for, and what it then does
     warm_up            inputs are played until every monitor has received something
@@ -17,9 +16,8 @@ of every latency. If they remained, what they got would be common to all starts.
 differ by less than two runs do, and a verdict would be more certain than it may be.
 
 What does not depend on the processes is made once, before the first start: the bag is read, the
-preprocessors run, buffers and schedule are built, and the harness overhead is measured (once more
-before a confirmation run, which is compared with it). What is left is made short: in a later start,
-all processes import ROS at the same time.
+preprocessors run, buffers and schedule are built. What is left is made short: all processes import
+ROS at the same time.
 
 Nothing of the next start is prepared while iterations play. A process that imports ROS takes a core
 for half a second, and discovery by new participants wakes every process of the graph; both would
@@ -33,8 +31,6 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
 from r2bspec.execute import errors
 from r2bspec.execute.anatomy import AnatomyObservation
@@ -53,10 +49,9 @@ from r2bspec.execute.graph_matching import (
 )
 from r2bspec.execute.processes.prerequisites import built
 from r2bspec.execute.processes.resources import family
-from r2bspec.execute.processes.scheduling import apply_when_ready
+from r2bspec.execute.processes.scheduling import read_scheduling
 from r2bspec.execute.processes.supervisor import ManagedProcess
 from r2bspec.execute.run_context import MEASURE_PHASE, RunContext
-from r2bspec.execute.start.harness_overhead import HarnessOverhead, can_be_measured
 from r2bspec.execute.start.segments import (
     PLAYBACK_ROWS,
     LiveSegmentWatcher,
@@ -96,8 +91,6 @@ class Start:
         schedule: of the player; empty before `bring_up`.
         rows_dir: receives the rows of player and monitors.
         player: plays the segments; None before the graph is matched.
-        harness_overhead: without the graph; empty before `bring_up`, and in a later start.
-        overhead_ns: how long its measurement took.
         anatomy: its processes, where they are observed from inside.
         unplayed: messages of inputs that are not played.
     """
@@ -122,8 +115,7 @@ class Start:
             number: its number among the starts of the run, from 1.
             confirms: whether it is part of the confirmation run.
             schedule: of the player, where an earlier start has built it.
-            is_later: whether it follows another start of the same kind, so that the harness
-                overhead is known.
+            is_later: whether it follows another start of the same kind.
         """
         self._plan = plan
         self._context = context
@@ -144,8 +136,6 @@ class Start:
         self._observer: ManagedProcess | None = None
         self._silent_outputs: SilentOutputs | None = None
         self.player: SegmentPlayer | None = None
-        self.harness_overhead: tuple[run_record.HarnessOverheadRecord, ...] = ()
-        self.overhead_ns = 0
         self.unplayed: tuple[run_record.UnplayedMessages, ...] = ()
 
     @property
@@ -200,7 +190,6 @@ class Start:
         is_judged = self._plan.objectives or self._plan.search or self._plan.sustained_hz
         scipy = load_scipy() if is_judged else None
         deadline = readiness.StartDeadline(self._plan.start_timeout.ns)
-        # Not before the harness overhead was measured, which its start would disturb.
         settings = protocol.ConfigureObserver(
             guarded=guarded_topics(self._plan),
             buffer_dir=str(self._buffer_dir),
@@ -233,13 +222,11 @@ class Start:
         )
         with deadline.paused():
             self._wait_until_ready()
-        self._schedule_threads(final=False)
         if scipy is not None:
-            with self._supervisor.waiting("SciPy: imported"):
-                scipy.join()
+            scipy.join()
         self.look_at_loaded_files()
         self._warm_up(segment_player, silent_outputs, deadline)
-        self._schedule_threads(final=True)
+        self._read_scheduling()
         segment_player.watch_work(self._graph_processes())
         segment_player.on_output_stopped = silent_outputs.explain_stop
         return segment_player
@@ -270,11 +257,10 @@ class Start:
         self._context.states.enter(state, text)
 
     def _start_harness(self) -> tuple[ManagedProcess | None, ManagedProcess | None]:
-        """Start player and monitors, and measure their overhead; both are None in the graph.
+        """Start player and monitors; both are None in the graph, and a live run has no player.
 
-        A live run has no player. The processes of Python nodes are started with these, and all
-        import ROS at the same time. They are idle before the overhead is measured, which they
-        would disturb; their nodes are created after it.
+        The processes of Python nodes are started with these, and all import ROS at the same time;
+        their nodes are created later.
         """
         plan, launcher = self._plan, self._launcher
         self.rows_dir.mkdir()
@@ -282,7 +268,6 @@ class Start:
         self._enter(RunState.START, f"starting player and monitor{again}")
         launcher.check_shared_memory(plan, MEASURE_PHASE)
         if plan.harness.placement == "graph":
-            self._measure_overhead_alone()
             return None, None
         launcher.start_early(self._node_processes(), message_packages(plan))
         player = self._parts.start("player") if plan.inputs or plan.called else None
@@ -295,30 +280,15 @@ class Start:
         if player is None:
             launcher.configure(monitor, settings)
             return player, monitor
-        self._configure_both(player, self.rows_dir, monitor, settings)
-        if not self._is_later and "harness_overhead" in plan.phases:
-            self._measure_overhead(player, monitor, self.rows_dir)
+        ready, _ = launcher.configure_all([(player, self._player_settings()), (monitor, settings)])
+        self._load_schedule(player, ready)
         return player, monitor
 
-    def _configure_both(
-        self,
-        player: ManagedProcess,
-        rows_dir: Path,
-        monitor: ManagedProcess,
-        settings: protocol.ConfigureMonitor,
-    ) -> None:
-        commands: list[tuple[ManagedProcess, Any]] = [
-            (player, self._player_settings(rows_dir)),
-            (monitor, settings),
-        ]
-        ready, _ = self._launcher.configure_all(commands)
-        self._load_schedule(player, ready)
-
-    def _player_settings(self, rows_dir: Path) -> protocol.ConfigurePlayer:
+    def _player_settings(self) -> protocol.ConfigurePlayer:
         return protocol.ConfigurePlayer(
             inputs=self._plan.inputs,
             buffer_dir=str(self._buffer_dir),
-            rows=str(rows_dir / PLAYBACK_ROWS),
+            rows=str(self.rows_dir / PLAYBACK_ROWS),
             transforms=buffered_transforms(self._buffer_dir),
         )
 
@@ -327,31 +297,6 @@ class Start:
         """What the observer publishes: /tf_static, and the inputs of one message."""
         static = (STATIC,) if TF_STATIC in buffered_transforms(self._buffer_dir) else ()
         return *static, *self._plan.latched_inputs
-
-    def _measure_overhead_alone(self) -> None:
-        """Measure the overhead of a harness that will run in processes of the graph.
-
-        This is done in processes of its own, which are as far from each other, and end before the
-        graph starts: a graph would answer what is played.
-        """
-        inputs = self._plan.inputs
-        if (
-            self._is_later
-            or "harness_overhead" not in self._plan.phases
-            or not can_be_measured(inputs)
-        ):
-            return
-        rows_dir = self.rows_dir / "overhead"
-        rows_dir.mkdir()
-        parts = harness_processes.HarnessProcesses(
-            self._launcher, harness_processes.overhead_processes(self._plan.processes)
-        )
-        player, monitor = parts.start("player"), parts.start("monitor")
-        settings = protocol.ConfigureMonitor(monitors=(), rows_dir=str(rows_dir))
-        self._configure_both(player, rows_dir, monitor, settings)
-        self._measure_overhead(player, monitor, rows_dir)
-        alone = {player.pid, monitor.pid}
-        self._supervisor.end([process for process in self._supervisor if process.pid in alone])
 
     def _load_schedule(self, player: ManagedProcess, ready: protocol.Ready) -> None:
         """Let the player load all messages that it will play into its memory.
@@ -369,18 +314,6 @@ class Start:
             # The stamps of transforms are looked up in the recorded messages.
             raise errors.ProcessFailedError(f"player: {error}") from error
 
-    def _measure_overhead(
-        self, player: ManagedProcess, monitor: ManagedProcess, rows_dir: Path
-    ) -> None:
-        if can_be_measured(self._plan.inputs):
-            self._launcher.wait_until_imported()
-        began_ns = time.monotonic_ns()
-        self._enter(RunState.OVERHEAD, "measuring the harness overhead")
-        self.harness_overhead = HarnessOverhead(
-            self._plan, self._context, player, monitor, rows_dir, self.schedule
-        ).measure()
-        self.overhead_ns = time.monotonic_ns() - began_ns
-
     def _node_processes(self) -> list[ProcessPlan]:
         return [
             process
@@ -394,7 +327,7 @@ class Start:
         """Start the nodes, and the player and the monitors in their processes."""
 
         def configure_player(player: ManagedProcess) -> None:
-            ready = self._launcher.configure(player, self._player_settings(self.rows_dir))
+            ready = self._launcher.configure(player, self._player_settings())
             self._load_schedule(player, ready)
 
         harness = harness_processes.GraphHarness(
@@ -448,8 +381,7 @@ class Start:
         expected = {monitor: dict.fromkeys(watched, 1)}
         caller = self._start_caller(player) if player is not None and plan.called else None
         if caller is not None:
-            with supervisor.waiting("services: found"):
-                readiness.wait_for_services(supervisor, caller, deadline)
+            readiness.wait_for_services(supervisor, caller, deadline)
         if player is not None and plan.inputs:
             transforms = subscription_counts(self._graph, buffered_transforms(self._buffer_dir))
             if self._latched:
@@ -463,8 +395,7 @@ class Start:
                 source.topic: expected_subscriptions(self._graph, source.topic)
                 for source in plan.inputs
             }
-        with supervisor.waiting("endpoints: matched"):
-            wait_until_matched(self._graph, expected, deadline, subscriptions.update)
+        wait_until_matched(self._graph, expected, deadline, subscriptions.update)
         ends = [(source.topic, source.type, "publishes") for source in plan.inputs]
         ends += [(watch.topic, watch.type, "subscribes") for watch in monitors]
         wait_for_mutual_discovery(self._graph, ends)
@@ -495,15 +426,13 @@ class Start:
             has_period=not plan.arrivals,
         )
 
-    def _schedule_threads(self, *, final: bool) -> None:
-        """Schedule threads by their names, now that there are any, and note what all have.
-
-        Some come with the first messages: at last, those that the plan names must be there.
-        """
+    def _read_scheduling(self) -> None:
+        """Note how the threads of processes are scheduled whose scheduling is in the plan."""
         plans = {process.name: process for process in self._plan.processes}
         for child in self._supervisor:
-            if child.name in plans:
-                child.applied = apply_when_ready(plans[child.name], child.pid, final=final)
+            plan = plans.get(child.name)
+            if plan is not None and (plan.scheduling or plan.cpus or plan.nice):
+                child.scheduling = read_scheduling(child.pid)
 
     def _wait_until_ready(self) -> None:
         """Wait for the readiness probes, run the `after_ready` steps, and check parameters."""
@@ -551,10 +480,7 @@ class Start:
             waited_s = time.monotonic() - began_s
             final = deadline.over or (
                 attempt > _DIAGNOSED_ATTEMPT
-                and (
-                    waited_s > readiness.patience_s(plan.start_timeout.seconds)
-                    or bool(silent_outputs.unpaired)
-                )
+                and waited_s > readiness.patience_s(plan.start_timeout.seconds)
                 and self._is_idle()
             )
             if final or attempt == _DIAGNOSED_ATTEMPT:
@@ -628,7 +554,6 @@ class StartSequence:
                 number=start.number,
                 began_ns=began_ns,
                 ready_ns=ready_ns,
-                overhead_ns=start.overhead_ns,
                 confirms=confirms,
             )
         )

@@ -45,14 +45,12 @@ class Host:
     Attributes:
         loads: of the head's runs in the order in which they are played; the last one stays.
         folders: of all runs, in the order in which they were made.
-        overheads: of those that measure the harness overhead.
     """
 
     def __init__(self, tmp_path: Path, loads: list[Mapping[str, float]]) -> None:
         self.tmp_path = tmp_path
         self.loads = loads
         self.folders: list[str] = []
-        self.overheads: list[str] = []
         self._coming = iter(self._loads())
 
     def _loads(self) -> Iterator[Mapping[str, float]]:
@@ -60,12 +58,10 @@ class Host:
         while True:
             yield self.loads[-1]
 
-    def run_plan(self, plan: Plan, *, folder: RunFolder, **_others: object) -> None:
+    def run_plan(self, _plan: Plan, *, folder: RunFolder, **_others: object) -> None:
         """Take the place of a real run: write the folder of a simulated one."""
         side = folder.path.parent.name
         self.folders.append(f"{side}/{folder.path.name}")
-        if "harness_overhead" in plan.phases:
-            self.overheads.append(self.folders[-1])
         noise = 1 + 0.002 * (len(self.folders) % 3)
         simulation = replace(
             template(),
@@ -86,7 +82,7 @@ class Host:
         alternates: str = NOTHING_BY_TURNS,
     ) -> PairedComparison:
         """Compare two sides that differ in nothing but their names, and in an environment."""
-        plan = msgspec.structs.replace(template().plan(), phases=("start", "harness_overhead"))
+        plan = msgspec.structs.replace(template().plan(), phases=("start",))
         budget_ns = int(budget_s * 1e9)
         gate = msgspec.structs.replace(plan.gate, confirm=confirm, time_budget_ns=budget_ns)
         side = ComparisonSide(msgspec.structs.replace(plan, gate=gate), self.tmp_path, "")
@@ -170,12 +166,6 @@ def test_pairs_that_confirm_a_failure_continue_the_list(host: Host) -> None:
     verdict = judge_comparison_folder(pairs).result.verdict
     assert verdict.outcome == "fail"
     assert verdict.reason.endswith("Confirmed by 3 more pairs.")
-
-
-def test_the_harness_overhead_is_measured_in_the_first_run_of_the_head_alone(
-    calm: tuple[Host, PairedComparison],
-) -> None:
-    assert calm[0].overheads == ["head/001"]
 
 
 def test_values_of_secrets_are_not_recorded(calm: tuple[Host, PairedComparison]) -> None:

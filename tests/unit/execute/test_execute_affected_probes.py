@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, Literal, cast
 
@@ -12,7 +11,6 @@ import pytest
 from r2bspec.execute.measurement.peak_search import LongPlays, PeakSearch, ProbeOutcome
 from r2bspec.execute.measurement.rate_probe import AffectedProbes
 from r2bspec.execute.run_context import Interference, TimeBudget, interference_of
-from r2bspec.execute.start.harness_overhead import _quietest
 from r2bspec.judge.measure.host_usage import HostInterference
 from r2bspec.judge.stationarity import CompletionTimes
 from r2bspec.record.run_record import Probe, SearchRecord, Segment
@@ -187,21 +185,3 @@ def test_what_is_said_of_a_part_of_a_run(seen: dict[str, Any], reasons: int, tak
     found = interference_of(HostInterference(seconds=4.0, cores=2, **seen))
     assert len(found.reasons) == reasons
     assert found.taken == pytest.approx(taken)
-
-
-@pytest.mark.parametrize(
-    ("measured", "kept"),
-    [
-        ([(QUIET, 1)], 1),
-        ([(BUSY, 1), (QUIET, 2)], 2),
-        ([(BUSY, 1), (Interference(BUSY.reasons, 0.3), 2)], 2),
-        ([(BUSY, 1), (Interference(BUSY.reasons, 0.5), 2)], 1),
-    ],
-)
-def test_a_disturbed_overhead_is_measured_once_more(
-    measured: Sequence[tuple[Interference, int]], kept: int
-) -> None:
-    # What is measured is only passed on.
-    left = iter(measured)
-    assert cast("Any", _quietest)(lambda: next(left)) == kept
-    assert next(left, None) is None

@@ -9,7 +9,7 @@ import pytest
 
 from r2bspec.bags.integrity import hash_files
 from r2bspec.bags.recording import DataError
-from r2bspec.execute.errors import DatasetMismatchError
+from r2bspec.execute.errors import CertainRunError
 from r2bspec.execute.fill_buffers import buffer_bags, obtain_dataset
 from r2bspec.execute.states import Progress
 from r2bspec.ipc.buffers import buffered_transforms, read_index, read_messages
@@ -173,7 +173,7 @@ def test_a_bag_is_found_beside_the_spec_and_hashed(
 def test_another_bag_than_the_one_that_was_pinned_or_none_is_refused(
     tmp_path: Path, bag: Path
 ) -> None:
-    with pytest.raises(DatasetMismatchError, match="the hash of ./bag is") as raised:
+    with pytest.raises(CertainRunError, match="the hash of ./bag is") as raised:
         obtain_dataset(dataset(topic("/left", "/image"), sha256="0" * 64), tmp_path, Progress())
     assert hash_files(bag) in str(raised.value)
     assert raised.value.exit_code == 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -130,9 +129,6 @@ def test_an_exception_of_python_is_named_with_its_line() -> None:
 def test_a_container_that_ends_is_named_with_what_it_loaded(tmp_path: Path) -> None:
     class Dying:
         """In place of the supervisor: the container is dead when the component is asked for."""
-
-        def waiting(self, _what: str) -> contextlib.nullcontext[None]:
-            return contextlib.nullcontext()
 
         def request(self, *_: object) -> None:
             raise died("Segmentation fault")

@@ -19,7 +19,6 @@ from r2bspec.execute.bringup.harness_processes import (
     GraphJoins,
     Hello,
     is_target_process,
-    overhead_processes,
     program_name,
 )
 from r2bspec.execute.errors import NotJoinableError
@@ -67,11 +66,3 @@ def test_several_programs_of_one_process_are_refused(tmp_path: Path) -> None:
         launch.wait()
         for program in asking:
             program.close()
-
-
-@pytest.mark.parametrize(("program", "processes"), [("", 1), ("stage1", 2)])
-def test_the_overhead_of_one_of_several_programs_is_between_processes(
-    program: str, processes: int
-) -> None:
-    join = JoinPlan(player=True, monitors=("out",), program=program)
-    assert len(overhead_processes([process_plan("stack", join=join)])) == processes

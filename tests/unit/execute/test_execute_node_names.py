@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import pytest
 
 from plans import node_plan
-from r2bspec.execute.bringup import node_faults
 from r2bspec.execute.bringup.node_faults import (
-    RemappedTopic,
-    find_unmatched,
     is_typing_error,
     require_declared_parameters,
     undeclared,
@@ -20,7 +16,6 @@ from r2bspec.execute.bringup.node_faults import (
 from r2bspec.execute.diagnose.diagnosis import graph_mismatches, related_differences
 from r2bspec.execute.diagnose.first_fault import NO_OUTPUT, NO_PUBLISHER, NO_SUBSCRIPTION, _fault
 from r2bspec.execute.errors import GraphDifferencesError
-from r2bspec.ipc import protocol
 from r2bspec.ipc.protocol import ParameterLists, Ready
 from r2bspec.plan.plan import NodePlan
 
@@ -51,42 +46,6 @@ def test_a_remapping_that_changed_nothing_ends_no_run_by_itself() -> None:
     assert first.harmless
     assert first.help == "its topics: /r2b/output"
     assert graph_mismatches([], [first]) == ()
-
-
-@pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Names may come later; here, all come at once."""
-    monkeypatch.setattr(node_faults, "_PATIENCE_S", 0.05)
-
-
-class Answers:
-    """In place of the supervisor: gives the names of nodes as discovery shows them in turn."""
-
-    def __init__(self, *found: dict[str, tuple[str, ...]]) -> None:
-        self._found = list(found)
-
-    def ask_observer(self, *_: Any) -> protocol.NodeNames:
-        """The next answer; the last one again and again."""
-        return protocol.NodeNames(names=self._found.pop(0) if self._found[1:] else self._found[0])
-
-    def pump(self, _seconds: float) -> None:
-        """No time passes."""
-
-
-def unmatched_of(*found: dict[str, tuple[str, ...]]) -> list[str]:
-    rules = [RemappedTopic("/r2b/a", before, f"/r2b/{before}_new", True) for before in ("x", "y")]
-    answers: Any = Answers(*found)
-    return [each.name for each in find_unmatched(rules, answers)]
-
-
-def test_remappings_of_other_nodes_are_looked_up_in_what_discovery_shows() -> None:
-    assert unmatched_of({}, {"/r2b/a": ("/r2b/x_new", "/r2b/y_new/compressed")}) == []
-    (found,) = find_unmatched(
-        [RemappedTopic("/r2b/a", "x", "/r2b/z", True)],
-        Answers({"/r2b/a": ("/rosout", "/r2b/a/get_parameters", "/r2b/x")}),  # type: ignore[arg-type]
-    )
-    assert found.message == "/r2b/a has no topic 'x' to remap to /r2b/z"
-    assert (found.code, found.help, found.harmless) == ("R2B204", "its topics: /r2b/x", True)
 
 
 def test_a_remapping_is_the_cause_of_the_topic_that_it_did_not_make() -> None:

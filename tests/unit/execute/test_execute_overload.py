@@ -119,7 +119,8 @@ def test_the_bracket_is_proved_and_as_narrow_as_was_asked(capacity_hz: float) ->
     assert record.proof == "confirmed"
     assert record.shown
     assert record.proof_s == SECONDS
-    saturations, ends = ["saturation"] * 2, ["confirmation"] * 2
+    # The lower end twice: the machine may have become slower meanwhile.
+    saturations, ends = ["saturation"] * 2, ["confirmation"] * 3
     assert [what for what, _ in graph.played] == ["probe", "probe", *saturations, *ends]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,12 @@ import pytest
 
 from ament_packages import install_package
 from plans import process_plan
-from r2bspec.execute.errors import DomainError, NotInstalledError, RunError, SharedMemoryError
+from r2bspec.execute.errors import CertainRunError, NotInstalledError, RunError
 from r2bspec.execute.processes import prerequisites
 from r2bspec.execute.processes.environment import RunEnvironment
 from r2bspec.execute.processes.prerequisites import (
     require_free_shared_memory,
+    require_loopback,
     reserved_domain,
     resolve_argv,
 )
@@ -108,7 +110,7 @@ def test_the_limit_is_what_all_processes_of_the_phase_take(
 ) -> None:
     free(FAST_DDS.required_shm_bytes(PROCESSES, 10 * MIB) + spare)
     if refused:
-        with pytest.raises(SharedMemoryError):
+        with pytest.raises(CertainRunError):
             require_free_shared_memory(plan, "measure", FAST_DDS, 10 * MIB)
     else:
         require_free_shared_memory(plan, "measure", FAST_DDS, 10 * MIB)
@@ -181,5 +183,20 @@ def test_the_domain_of_external_nodes(
 @pytest.mark.parametrize("text", ["abc", "-1", "233", "1.5"])
 def test_what_is_no_domain_is_said(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
-    with pytest.raises(DomainError, match="no number from 0 to"):
+    with pytest.raises(CertainRunError, match="no number from 0 to"):
         prerequisites.domain_of_user()
+
+
+def test_a_machine_without_loopback_is_named_before_anything_starts() -> None:
+    require_loopback()
+    program = (
+        "from r2bspec.execute.processes.prerequisites import *\n"
+        "try:\n    require_loopback()\nexcept errors.CertainRunError as error: print(error.code)"
+    )
+    isolated = ["unshare", "--user", "--map-root-user", "--net"]
+    done = subprocess.run(
+        [*isolated, sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    if "unshare" in done.stderr:
+        pytest.skip(f"no network namespace can be made here: {done.stderr.strip()}")
+    assert done.stdout.split() == ["R2B699"]

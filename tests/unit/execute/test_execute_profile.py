@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from plans import process_plan
-from r2bspec.execute.errors import ProfilerError
+from r2bspec.execute.errors import CertainRunError
 from r2bspec.execute.measurement.extra_iteration import (
     Profiler,
     find_profiler,
@@ -81,7 +81,7 @@ def test_the_words_of_a_profiler_are_put_before_the_command_of_the_process() -> 
 def test_a_profiler_that_is_missing_is_named_with_the_way_to_install_it(
     name: str, way_out: str
 ) -> None:
-    with pytest.raises(ProfilerError, match=f"{name}.* is not installed") as caught:
+    with pytest.raises(CertainRunError, match=f"{name}.* is not installed") as caught:
         require_usable(Profiler(name, (name,)))
     assert way_out in caught.value.hint
 
@@ -93,6 +93,6 @@ def test_a_profiler_that_may_not_observe_is_quoted_with_the_way_to_permit_it(
     refused = tmp_path / name
     refused.write_text("#!/bin/sh\necho 'Error: Permission Denied' >&2\nexit 1\n")
     refused.chmod(0o755)
-    with pytest.raises(ProfilerError, match="Permission Denied") as caught:
+    with pytest.raises(CertainRunError, match="Permission Denied") as caught:
         require_usable(Profiler(name, (str(refused),)))
     assert way_out in caught.value.hint

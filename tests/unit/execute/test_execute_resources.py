@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import subprocess
@@ -18,7 +19,7 @@ from family_trees import Family, wait_for
 from git_repositories import write_files
 from r2bspec.execute.processes.resources import (
     InterferenceReader,
-    OrphanFinder,
+    Members,
     ResourceSampler,
     RunQueueWaits,
 )
@@ -45,9 +46,12 @@ def used(sampler: ResourceSampler) -> np.ndarray:
 
 def test_processes_are_numbered_in_the_order_in_which_they_were_added() -> None:
     sampler = ResourceSampler()
-    sampler.add(os.getpid())
-    sampler.add(os.getppid())
-    rows, _ = sampler.stop()
+    with contextlib.ExitStack() as stack:
+        for _ in range(2):
+            child = stack.enter_context(subprocess.Popen(["/bin/sleep", "60"]))
+            stack.callback(child.kill)
+            sampler.add(child.pid)
+        rows, _ = sampler.stop()
     assert rows.dtype == RESOURCE_DTYPE
     assert rows["process"].tolist() == [MACHINE_INDEX, CONTROLLER_INDEX, 0, 1]
     assert np.all(rows["memory_bytes"] > 0)
@@ -70,9 +74,8 @@ def test_a_process_that_ends_is_sampled_no_more_and_disturbs_nobody() -> None:
     with subprocess.Popen([sys.executable, "-c", ""]) as process:
         process.wait()
         sampler.add(process.pid)
-        sampler.add(os.getpid())
         rows, _ = sampler.stop()
-    assert set(rows["process"]) == {MACHINE_INDEX, CONTROLLER_INDEX, 1}
+    assert set(rows["process"]) == {MACHINE_INDEX, CONTROLLER_INDEX}
     assert sampler.resident(process.pid) == 0
 
 
@@ -121,23 +124,14 @@ sys.stdin.read()
 """
 
 
-def found_by(finder: OrphanFinder, leaders: dict[int, int]) -> dict[int, int]:
-    return finder.find({}, leaders, ORPHANS_INDEX)
-
-
 def test_an_orphan_belongs_to_the_process_whose_session_it_is_in(people: Family) -> None:
     (orphan,) = people.start("gone-of-worker")
+    (stranger,) = people.start("gone-of-stranger")
     people.collect()
-    leader = people.sessions[0].pid
-    assert found_by(OrphanFinder(people.run_id), {leader: 3}) == {orphan: 3}
-
-
-def test_of_one_with_a_session_of_its_own_only_the_run_is_known(people: Family) -> None:
-    (orphan,) = people.start("gone-of-stranger")
-    people.collect()
-    assert found_by(OrphanFinder(people.run_id), {people.sessions[0].pid: 3}) == {
-        orphan: ORPHANS_INDEX
-    }
+    leaders = {session.pid: 3 for session in people.sessions}
+    members = Members(people.run_id).find(leaders, ORPHANS_INDEX)
+    # Of one with a session of its own, only the run is known.
+    assert members == {3: [orphan], ORPHANS_INDEX: [stranger]}
 
 
 def test_what_an_orphan_uses_stays_with_its_process(run_id: str) -> None:
@@ -226,7 +220,3 @@ def test_cycles_are_cpu_time_at_the_frequency_of_its_time(tmp_path: Path) -> Non
     assert cycles == pytest.approx(used_s * 2.5e9, rel=1e-6)
     used_s, cycles = cycles_of_work(tmp_path, 1_000_000, 3_000_000)
     assert 1e9 * used_s < cycles < 3e9 * used_s
-
-
-# Version 2: the group's own pressure, and the quota of any group above.
-# In a container, whose path begins outside of what it can see.

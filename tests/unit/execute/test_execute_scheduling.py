@@ -15,13 +15,10 @@ from plans import process_plan
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.processes.scheduling import (
     apply_to_process,
-    locked_bytes,
     on_core,
     read_scheduling,
     require_permitted,
-    schedule_threads,
 )
-from r2bspec.language.spec import Scheduling, ThreadScheduling
 
 FIRST = min(os.sched_getaffinity(0))
 
@@ -38,14 +35,6 @@ ready.wait()
 print(flush=True)
 time.sleep(60)
 """
-
-
-def permits(policy: int, priority: int) -> bool:
-    code = f"import os; os.sched_setscheduler(0, {policy}, os.sched_param({priority}))"
-    return not subprocess.run([sys.executable, "-c", code], capture_output=True).returncode
-
-
-real_time = pytest.mark.skipif(not permits(os.SCHED_FIFO, 5), reason="real time is not permitted")
 
 
 @pytest.fixture
@@ -116,38 +105,6 @@ def test_processes_that_have_ended_do_not_hinder(sleeper: subprocess.Popen[bytes
         assert sleeper.returncode is not None
 
 
-@real_time
-def test_real_time_for_the_process_and_threads_by_name(threads: subprocess.Popen[bytes]) -> None:
-    plan = process_plan(
-        "detector",
-        scheduling=Scheduling(
-            threads=(
-                ThreadScheduling(name="dds.*", policy="rr", priority=7),
-                ThreadScheduling(name="dds.shm", policy="fifo", priority=9, cpus=(FIRST,)),
-            )
-        ),
-    )
-    require_permitted([plan])
-    seen = {
-        schedule_thread.thread: schedule_thread
-        for schedule_thread in schedule_threads(plan, threads.pid)
-    }
-    assert (seen["dds.ev"].policy, seen["dds.ev"].priority) == ("rr", 7)
-    assert (seen["dds.shm"].policy, seen["dds.shm"].priority) == ("fifo", 9)
-    assert seen["dds.shm"].cpus == (FIRST,)
-    assert (seen["executor"].policy, seen["executor"].priority) == ("other", 0)
-
-
-def test_a_name_that_no_thread_has_is_answered_with_those_there_are(
-    threads: subprocess.Popen[bytes],
-) -> None:
-    wanted = Scheduling(threads=(ThreadScheduling(name="zenoh*", policy="batch"),))
-    with pytest.raises(RunError, match=r"detector has no thread 'zenoh\*'") as caught:
-        schedule_threads(process_plan("detector", scheduling=wanted), threads.pid)
-    assert caught.value.code == "R2B653"
-    assert "dds.ev, dds.shm, executor" in caught.value.hint
-
-
 def test_a_processor_that_is_not_there_is_named(sleeper: subprocess.Popen[bytes]) -> None:
     plan = process_plan("detector", cpus=(4095,))
     with pytest.raises(RunError, match="detector cannot run on CPUs 4095"):
@@ -159,11 +116,7 @@ def test_a_processor_that_is_not_there_is_named(sleeper: subprocess.Popen[bytes]
 
 FORBIDDEN = {
     "scheduling=Scheduling(policy='fifo', priority=40)": "RLIMIT_RTPRIO is 0, and 40 is",
-    "scheduling=Scheduling(threads=(ThreadScheduling(name='x', policy='rr', priority=4),))": (
-        "RLIMIT_RTPRIO is 0, and 4 is"
-    ),
     "nice=-5": "RLIMIT_NICE is 0, and 25 is",
-    "scheduling=Scheduling(memory_lock=True)": "RLIMIT_MEMLOCK is 0 KiB, and 'unlimited' is",
 }
 
 
@@ -174,8 +127,8 @@ def test_what_a_limit_forbids_is_refused_with_the_limit() -> None:
     from plans import process_plan
     from r2bspec.execute.errors import RunError
     from r2bspec.execute.processes.scheduling import require_permitted
-    from r2bspec.language.spec import Scheduling, ThreadScheduling
-    for which in (resource.RLIMIT_RTPRIO, resource.RLIMIT_NICE, resource.RLIMIT_MEMLOCK):
+    from r2bspec.language.spec import Scheduling
+    for which in (resource.RLIMIT_RTPRIO, resource.RLIMIT_NICE):
         resource.setrlimit(which, (0, 0))
     if os.getuid() == 0:
         os.setresuid(65534, 65534, 65534)
@@ -196,20 +149,5 @@ def test_what_a_limit_forbids_is_refused_with_the_limit() -> None:
         said = str(ast.literal_eval(said))
         assert said.startswith("R2B637 process detector: ")
         assert limit in said
-        assert ("CAP_IPC_LOCK" if "MEMLOCK" in limit else "CAP_SYS_NICE") in said
-        assert ("--ulimit memlock=-1" if "MEMLOCK" in limit else "--ulimit rtprio=99") in said
-
-
-def test_threads_may_come_with_the_first_messages(threads: subprocess.Popen[bytes]) -> None:
-    wanted = Scheduling(threads=(ThreadScheduling(name="late", policy="batch"),))
-    plan = process_plan("detector", scheduling=wanted)
-    seen = schedule_threads(plan, threads.pid, final=False)
-    assert {each.policy for each in seen} == {"other"}
-
-
-def test_memory_that_is_not_locked_is_noticed(sleeper: subprocess.Popen[bytes]) -> None:
-    plan = process_plan("detector", scheduling=Scheduling(memory_lock=True))
-    with pytest.raises(RunError, match="detector: its memory is not locked") as caught:
-        locked_bytes(plan, sleeper.pid)
-    assert caught.value.code == "R2B637"
-    assert "call mlockall itself" in caught.value.hint
+        assert "CAP_SYS_NICE" in said
+        assert "--ulimit rtprio=99" in said

@@ -1,30 +1,20 @@
-"""What is seen of a stretch: its progress, silent outputs, and how long answers are awaited."""
+"""Silent outputs of a segment, and how long answers are awaited."""
 
 from __future__ import annotations
-
-import math
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Literal
 
 import msgspec
 import numpy as np
 import pytest
 
-from r2bspec.execute.start import segment_observation
 from r2bspec.execute.start.segment_observation import (
     DrainTimer,
     Outstanding,
-    ProgressView,
     output_stopped,
     outstanding_answers,
 )
-from r2bspec.ipc.playback_file import PlaybackReader
-from r2bspec.ipc.sample_files import ARRIVAL_FIELDS, ArrivalReader, RowWriter
 from r2bspec.judge.measure.matching import MatchedMonitor, match, match_monitor
-from r2bspec.record.sample_arrays import MONITOR_DTYPE, MONITOR_FIELDS, PLAYBACK_FIELDS
+from r2bspec.record.sample_arrays import MONITOR_DTYPE
 from run_simulation import MONITOR_PLAN, Played, monitor_rows, playback_rows
-from scripted_playback import ScriptedPlayback
 
 LOST = float("nan")
 
@@ -75,21 +65,6 @@ def test_how_long_is_waited(
     timer.looked(arrivals_s[-1], outstanding, arrivals_s[-1])
     assert not timer.is_over(over_after_s - 0.1)
     assert timer.is_over(over_after_s + 0.1)
-
-
-def test_messages_that_answer_nothing_prolong_no_wait() -> None:
-    timer = DrainTimer(5.0, 100.0)
-    over = []
-    for tick in range(1, 100):
-        now_s = 100.0 + tick / 10
-        timer.arrived(now_s)
-        if timer.wants_a_look(now_s):
-            # The first one answered the last step; the others repeat its stamp.
-            timer.looked(now_s, "gaps", 100.1, goes_on=tick > 2)
-        if timer.is_over(now_s):
-            over.append(now_s)
-    assert min(over) < 101.0
-    assert not timer.is_over(100.2)
 
 
 def test_a_graph_that_never_stops_answering_is_left_after_a_minute_or_the_timeout() -> None:
@@ -145,71 +120,3 @@ def test_an_output_is_silent_if_much_is_waited_for_in_vain(
     playback = playback_rows(played)
     rows = monitor_rows(played, playback)
     assert output_stopped(playback, rows, match(playback, rows, "stamp")) is silent
-
-
-MS = 1_000_000
-
-
-class Writers:
-    """The player and one monitor, as far as their files go."""
-
-    def __init__(self, folder: Path) -> None:
-        folder.mkdir(exist_ok=True)
-        self.player = ScriptedPlayback(folder / "player")
-        self.monitor = RowWriter(folder / "monitor", len(ARRIVAL_FIELDS))
-        self.folder = folder
-        self.steps = 0
-
-    def play(self, latency_ms: float | None, stamp: int | None = None) -> None:
-        """One step, answered after a while or not at all."""
-        self.steps += 1
-        now_ns = self.steps * 10 * MS
-        self.player.append(self.steps, now_ns, now_ns, now_ns)
-        if latency_ms is not None:
-            received_ns = now_ns + round(latency_ms * MS)
-            self.monitor.append(stamp or self.steps, received_ns, received_ns, 0, 0)
-
-    def view(self, match: Literal["stamp", "order"] = "stamp") -> ProgressView:
-        """A view of what is played from now on."""
-        plan = msgspec.structs.replace(MONITOR_PLAN, match=match)
-        player = PlaybackReader(self.folder / "player", PLAYBACK_FIELDS)
-        monitor = ArrivalReader(self.folder / "monitor", MONITOR_FIELDS)
-        first = {"": player.count(), "out": monitor.count()}
-        return ProgressView(player, {"out": (plan, monitor)}, first)
-
-
-@pytest.fixture
-def writers(tmp_path: Path) -> Iterator[Writers]:
-    found = Writers(tmp_path / "rows")
-    yield found
-    found.monitor.close()
-
-
-@pytest.mark.parametrize("match", ["stamp", "order"])
-@pytest.mark.parametrize("look", [lambda _: True, lambda n: n % 97 == 0, lambda n: n == 399])
-def test_however_often_it_is_looked_at_it_is_exact(
-    writers: Writers, match: Literal["stamp", "order"], look: Callable[[int], bool]
-) -> None:
-    writers.play(500.0)
-    seen = writers.view(match)
-    latencies = np.random.default_rng(1).lognormal(2.0, 0.5, 400)
-    for number, latency in enumerate(latencies.tolist()):
-        writers.play(latency)
-        if look(number):
-            so_far = np.sort(latencies[: number + 1])
-            assert seen.p99_ns() == round(float(so_far[math.ceil(so_far.size * 0.99) - 1]) * MS)
-    assert (seen.sent(), seen.received()) == (400, 400)
-
-
-@pytest.mark.parametrize("match", ["stamp", "order"])
-def test_of_a_long_segment_only_the_latest_messages_count(
-    writers: Writers, match: Literal["stamp", "order"], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(segment_observation, "MAX_ROWS", 200)
-    seen = writers.view(match)
-    for latency in (500.0, 3.0):
-        for _ in range(200):
-            writers.play(latency)
-    writers.play(None)
-    assert (seen.sent(), seen.received()) == (401, 400)
-    assert seen.p99_ns() == 3 * MS

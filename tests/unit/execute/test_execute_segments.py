@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -66,10 +65,6 @@ class Scripted:
         time.sleep(timeout_s)
         self._pumped += 1
         self.late.pop(self._pumped, lambda: None)()
-
-    def waiting(self, _what: str) -> contextlib.AbstractContextManager[None]:
-        """Its waits are not counted."""
-        return contextlib.nullcontext()
 
     def __iter__(self) -> Iterator[object]:
         """It has no processes whose load could be shown."""

@@ -1,8 +1,7 @@
-"""The states of a run, where its time goes, and how signals and the time budget end it."""
+"""The states of a run, and how signals and the time budget end it."""
 
 from __future__ import annotations
 
-import itertools
 import os
 import re
 import signal
@@ -15,7 +14,7 @@ import pytest
 
 from r2bspec.execute.errors import InterruptedRunError
 from r2bspec.execute.run_context import TimeBudget
-from r2bspec.execute.states import Interrupts, PhaseClock, Progress, RunState, RunStates
+from r2bspec.execute.states import Interrupts, RunState
 
 PAGE = Path(__file__).parents[3] / "docs" / "running.md"
 
@@ -24,40 +23,6 @@ def test_the_page_names_every_state() -> None:
     phases = PAGE.read_text(encoding="utf-8").partition("## Phases")[2].partition("\n## ")[0]
     named = set(re.findall(r"[`*]+(\w+)[`*]+", phases))
     assert {str(state) for state in RunState} - {"prepare"} <= named
-
-
-def test_a_run_cannot_skip_a_state() -> None:
-    states = RunStates(Progress())
-    states.enter(RunState.LOAD, "reading")
-    with pytest.raises(RuntimeError, match="from 'load' to 'play'"):
-        states.enter(RunState.PLAY, "playing")
-    states.note("3 messages")
-    assert states.state is RunState.LOAD
-    assert [text for _, text in states.events] == ["phase load", "3 messages"]
-    assert [phase.name for phase in states.clock.phases()] == ["prepare", "load"]
-
-
-def test_phases_follow_each_other_without_gaps() -> None:
-    clock = PhaseClock()
-    clock.begin("load")
-    clock.begin("start")
-    phases = clock.phases()
-    assert [phase.name for phase in phases] == ["prepare", "load", "start"]
-    for before, after in itertools.pairwise(phases):
-        assert before.began_ns <= before.ended_ns == after.began_ns <= after.ended_ns
-
-
-def test_a_wait_has_no_part_in_a_phase_that_begins_meanwhile() -> None:
-    clock = PhaseClock()
-    with clock.waiting("relay: ready"):
-        clock.begin("load")
-    prepare, load = clock.phases()
-    assert load.waits == ()
-    assert prepare.name == "prepare"
-    with clock.waiting("bag: read"):
-        pass
-    (wait,) = clock.phases()[1].waits
-    assert (wait.what, wait.count) == ("bag: read", 1)
 
 
 HOUR_NS = 3600 * 10**9

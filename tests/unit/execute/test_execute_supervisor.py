@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import itertools
 import os
-import resource
 import secrets
 import signal
 import sys
@@ -18,7 +17,6 @@ import pytest
 
 from r2bspec.execute.bringup.launcher import Launcher
 from r2bspec.execute.errors import (
-    AddressSpaceError,
     InterruptedRunError,
     NotInstalledError,
     ProcessDiedError,
@@ -226,34 +224,6 @@ def test_a_death_is_reported_with_the_last_lines_of_the_log(stage: Stage) -> Non
     assert str(stage.folder / "node.log") in raised.value.hint
     assert raised.value.exit_code == 4
     assert stage.said().count("line") == 99
-
-
-LIMITS = "import resource; resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))\n"
-TELLS = """
-ends = channel()
-try: bytearray(4 << 30)
-except MemoryError as error: ends.send(protocol.Failed(code="R2B620", message=repr(error), hint=""))
-"""
-
-
-@pytest.mark.parametrize(
-    ("program", "message"),
-    [
-        ("bytearray(4 << 30)", "; process node exited with status 1; its last output:"),
-        ("import mmap; mmap.mmap(-1, 4 << 30)", r"\[Errno 12\] Cannot allocate memory$"),
-        (TELLS + SLEEPS, r"; node: MemoryError\(\)$"),
-    ],
-)
-def test_a_process_that_lacks_address_space_says_so_where_that_is_limited(
-    program: str, message: str, stage: Stage, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(resource, "getrlimit", lambda _: (2 << 30, 2 << 30))
-    stage.start(LIMITS + program)
-    with pytest.raises(AddressSpaceError, match=message) as found:
-        stage.pump_for_ever()
-    assert str(found.value).startswith("the address space of a process is limited to 2 GiB")
-    assert (found.value.code, found.value.exit_code) == ("R2B678", 2)
-    assert str(stage.folder / "node.log") in found.value.hint
 
 
 FAILS = "channel().send(protocol.Failed(code={!r}, message='m', hint={!r}))\n"

@@ -49,29 +49,6 @@ def test_a_library_that_cannot_be_loaded_is_named_behind_the_error_that_hides_it
     assert last_words(monkeypatch, hides).message == f"no type support: {hides.__context__}"
 
 
-HANG_S = 60.0
-
-PROGRAM = """
-import ctypes, sys, time
-from r2bspec.harness.child import start_exit_timer
-start_exit_timer(float(sys.argv[1]), int(sys.argv[2]))
-{then}
-"""
-
-HOLDS_THE_INTERPRETER = "ctypes.PyDLL(None).pause()"
-"""Waits for ever in native code, and lets no thread of Python run meanwhile."""
-
-
-def leave(then: str, seconds: float, status: int) -> int:
-    program = PROGRAM.format(then=then)
-    command = [sys.executable, "-c", program, str(seconds), str(status)]
-    return subprocess.run(command, timeout=HANG_S, check=False).returncode
-
-
-def test_a_hanging_destructor_does_not_keep_a_process_alive() -> None:
-    assert leave(HOLDS_THE_INTERPRETER, 0.1, 7) == 7
-
-
 SHARED = (
     *("harness.control_channel", "harness.watchdog", "ipc.buffers", "ipc.process_cleanup"),
     *("ipc.protocol", "ipc.sample_files", "record.files"),

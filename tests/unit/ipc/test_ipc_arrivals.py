@@ -8,13 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from r2bspec.ipc.sample_files import (
-    ARRIVAL_FIELDS,
-    ArrivalReader,
-    ClockOffsetTracker,
-    RowWriter,
-    arrival_times,
-)
+from r2bspec.ipc.sample_files import ARRIVAL_FIELDS, ArrivalReader, RowWriter, arrival_times
 from r2bspec.record.sample_arrays import MONITOR_FIELDS
 
 MS = 1_000_000
@@ -122,51 +116,3 @@ def test_a_reader_of_the_last_rows_knows_a_step_before_them(tmp_path: Path, worl
             assert found["received_ns"].tolist() == world.really[start:stop]
             assert found["bytes"].tolist() == [8] * len(world.really[start:stop])
     assert ArrivalReader(tmp_path / "none", MONITOR_FIELDS).read().size == 0
-
-
-class Clocks:
-    """Two clocks, of which the system's can be set; reading one takes some time."""
-
-    def __init__(self) -> None:
-        self.now = 50 * HOUR
-        self.ahead = EPOCH
-        self.reading = 100
-        self.between: list[int] = []
-        self.tracker = ClockOffsetTracker(self.monotonic, self.system)
-
-    def monotonic(self) -> int:
-        self.now += self.reading
-        return self.now
-
-    def system(self) -> int:
-        self.now += self.reading
-        value = self.now + self.ahead
-        if self.between:
-            self.now += self.between.pop(0)
-        return value
-
-
-@pytest.fixture
-def clocks() -> Clocks:
-    return Clocks()
-
-
-@pytest.mark.parametrize("step", STEPS)
-def test_a_step_is_noticed_once(clocks: Clocks, step: int) -> None:
-    for _ in range(3):
-        clocks.now += 20 * MS
-        clocks.tracker.update()
-    assert (clocks.tracker.steps, clocks.tracker.total_step_ns) == (0, 0)
-    clocks.ahead += step
-    for _ in range(3):
-        clocks.now += 20 * MS
-        clocks.tracker.update()
-    assert clocks.tracker.steps == 1
-    assert abs(clocks.tracker.total_step_ns - step) <= MS
-
-
-def test_an_interruption_between_reading_the_clocks_is_no_step(clocks: Clocks) -> None:
-    # The process loses its processor for 30 ms after it has read the system clock.
-    clocks.between = [30 * MS]
-    clocks.tracker.update()
-    assert clocks.tracker.steps == 0

@@ -5,14 +5,7 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from r2bspec.ipc.schedule import (
-    NO_STEP,
-    BetweenMessage,
-    CyclicSchedule,
-    TimelineMessage,
-    TimelineSchedule,
-    TimelineStep,
-)
+from r2bspec.ipc.schedule import NO_STEP, TimelineMessage, TimelineSchedule, TimelineStep
 from schedule_events import played_events
 
 TIMELINE = TimelineSchedule(
@@ -39,16 +32,3 @@ def test_the_span_of_a_timeline_ends_where_the_next_step_is_due(steps: int) -> N
     for played_event in played_events(TIMELINE, 0.0, steps + 1):
         begun.setdefault(played_event.step, played_event.offset_ns)
     assert TIMELINE.span_ns(0.0, steps) == begun[steps]
-
-
-def test_inputs_have_one_stamp_in_a_step_unless_they_differ_by_an_offset() -> None:
-    cyclic = CyclicSchedule(
-        steps=((0, 0), (1, 1)),
-        columns=(0, 2),
-        between=(BetweenMessage(0.5, 1, 0), BetweenMessage(1.0, 1, 1)),
-        stamp_offsets_ns=((0, 0), (-5, 0)),
-    )
-    assert cyclic.stamp_groups() == {0b101, 0b010, 0b001, 0b110}
-    assert CyclicSchedule(steps=((0, 0),)).stamp_groups() == {0b11}
-    assert CyclicSchedule(steps=()).stamp_groups() == set()
-    assert TIMELINE.stamp_groups() == {0b11, 0b10, 0b01}

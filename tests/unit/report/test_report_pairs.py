@@ -91,14 +91,11 @@ def test_judge_needs_neither_ros_nor_the_first_result(
 ONE = "f this start of the processes: "
 
 
-def started(
-    number: int, cost_s: float, *, overhead_s: float = 0.0, confirms: bool = False
-) -> StartRecord:
+def started(number: int, cost_s: float, *, confirms: bool = False) -> StartRecord:
     return StartRecord(
         number=number,
         began_ns=0,
-        ready_ns=round((cost_s + overhead_s) * 1e9),
-        overhead_ns=round(overhead_s * 1e9),
+        ready_ns=round(cost_s * 1e9),
         confirms=confirms,
     )
 

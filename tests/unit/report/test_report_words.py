@@ -22,13 +22,7 @@ from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.result import Result
 from r2bspec.record.graph_identity import GraphIdentity, Revision
 from r2bspec.record.run_folder import Run
-from r2bspec.record.run_record import (
-    Difference,
-    HarnessOverheadRecord,
-    OutputGapRecord,
-    StartRecord,
-    UnplayedMessages,
-)
+from r2bspec.record.run_record import Difference, OutputGapRecord, StartRecord, UnplayedMessages
 from r2bspec.report.format_registry import renderer
 from r2bspec.report.pipelines import render_github as render
 from r2bspec.report.write_reports import ReportRequest, write_failure_reports
@@ -42,19 +36,6 @@ pytestmark = pytest.mark.usefixtures("without_charts")
 
 SECOND_NS = 10**9
 PARTS = (0.001, 0.002, 0.0021, 0.003, 0.004, 0.0047, 0.005, 0.006)
-FLOOR = HarnessOverheadRecord(
-    topic="/r2b/image",
-    bytes=240,
-    rate_hz=30.0,
-    sent=30,
-    received=29,
-    latency_p50_ns=120_000,
-    latency_p99_ns=980_000,
-    lateness_p50_ns=1_000,
-    lateness_p99_ns=2_000,
-    placement="separate",
-    processes=2,
-)
 STARTS = (
     StartRecord(number=1, began_ns=0, ready_ns=9 * SECOND_NS),
     *(
@@ -108,7 +89,6 @@ def result(usual_run: Run) -> Result:
         found,
         monitor_labels={"detections": "Tag detections"},
         versions=found.versions | {"rmw": "rmw_cyclonedds_cpp"},
-        harness_overhead=(FLOOR,),
         output_gaps=(GAP,),
         differences=(DIFFERENCE,),
         profiles=(WHOLE, MISSING),
@@ -182,19 +162,9 @@ def heading(name: str, shown: str) -> str:
     return first.partition("drop_rate")[0]
 
 
-def test_what_programs_read_keeps_the_names_and_has_the_overhead(
-    result: Result, text: Callable[[str], str]
-) -> None:
+def test_what_programs_read_keeps_the_names(text: Callable[[str], str]) -> None:
     assert "detections" in text("csv")
     assert "Tag detections" not in text("csv")
-    rows = renderer("csv")(ReportInput(result=result)).decode().splitlines()
-    overhead = {row.split(",")[-3]: row.split(",")[-1] for row in rows if "/r2b/image" in row}
-    assert overhead == {
-        "harness_overhead.p50": "0.00012",
-        "harness_overhead.p99": "0.00098",
-        "harness_overhead.received": "29.0",
-        "harness_overhead.processes": "2.0",
-    }
 
 
 # What was not played is said in every report, and in the verdict where it is more than 5 %.

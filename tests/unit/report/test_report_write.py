@@ -6,7 +6,6 @@ import importlib.util
 import json
 import os
 import threading
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -98,29 +97,10 @@ def test_an_incomplete_run_has_its_reports_too(tmp_path: Path) -> None:
 # What a user is told while a run goes on.
 
 
-class Seen:
-    """Half of a stretch, which counts how often its latencies are asked for."""
-
-    looks = 0
-
-    def sent(self) -> int:
-        return 50
-
-    def received(self) -> int:
-        return 48
-
-    def p99_ns(self) -> int | None:
-        self.looks += 1
-        return 12_300_000
-
-    def cores(self) -> Mapping[str, float]:
-        return {"monitor": 0.01, "relay": 0.53, "a\x1b[2J": 0.2, "b": 0.0, "c": 0.0}
-
-
 def test_the_log_of_a_ci_job_has_a_line_a_minute_and_each_note_once(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen, now = Seen(), [100.0]
+    now = [100.0]
     monkeypatch.setattr("r2bspec.report.progress.time.monotonic", lambda: now[0])
     monkeypatch.setenv("CI", "true")
     estimate = TimeEstimate({"load": 1.0, "play": 200.0}, 201.0)
@@ -134,7 +114,7 @@ def test_the_log_of_a_ci_job_has_a_line_a_minute_and_each_note_once(
             listener.segment(f"20 Hz, iteration {number}", 100)
             for _ in range(40):
                 now[0] += 0.25
-                listener.playing(seen)
+                listener.playing(40, 39)
     said = capsys.readouterr().err.splitlines()
     # 200 s, a note, and a line at the start.
     assert len(said) == 1 + 1 + 3
