@@ -19,7 +19,6 @@ from r2bspec.diagnostics.quote import first_words
 from r2bspec.doctor.checkup import CheckResult, System, advised
 from r2bspec.ipc.process_cleanup import ProcessSession, end_run_processes, now_ticks
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE
-from r2bspec.judge.measure.units import show
 from r2bspec.middleware.middleware import known_middlewares
 from r2bspec.safe_io.private_files import remove_folder
 
@@ -119,21 +118,12 @@ def _run_of_process(folder: Path) -> str:
     return values[0].decode(errors="replace") if values else ""
 
 
-@dataclass(frozen=True)
-class DeadShmFile:
-    """A segment of shared memory, or its rest, with the bytes of memory that it takes."""
-
-    name: str
-    bytes: int
-
-
-def dead_shm_files(system: System) -> list[DeadShmFile]:
+def dead_shm_files(system: System) -> list[str]:
     """Return this user's segments of any middleware that no process uses; changes nothing."""
-    memory = system.shared_memory
     return [
-        DeadShmFile(name, _segment_bytes(memory / name))
+        name
         for middleware in known_middlewares()
-        for name in middleware.dead_shm_files(memory, system.proc)
+        for name in middleware.dead_shm_files(system.shared_memory, system.proc)
     ]
 
 
@@ -144,14 +134,6 @@ def remove_dead_shm_files(system: System) -> list[str]:
         for middleware in known_middlewares()
         for name in middleware.remove_dead_shm_files(system.shared_memory, system.proc)
     ]
-
-
-def _segment_bytes(segment: Path) -> int:
-    """What it takes of the memory: its blocks, since a segment is sparse until it is written."""
-    try:
-        return segment.stat().st_blocks * 512
-    except OSError:
-        return 0
 
 
 _MIN_AGE_S = 10.0
@@ -195,7 +177,7 @@ class Leftovers:
 
     living: frozenset[str]
     orphans: tuple[Process, ...]
-    segments: tuple[DeadShmFile, ...]
+    segments: tuple[str, ...]
     folders: tuple[Path, ...]
 
 
@@ -250,11 +232,9 @@ def _orphans(found: Leftovers) -> CheckResult:
 
 
 def _segments(found: Leftovers) -> CheckResult:
-    size = sum(segment.bytes for segment in found.segments)
-    shown = [segment.name for segment in found.segments]
-    amount = f"{show(size, 'B')} in {len(shown)}" if shown else "none"
+    shown = list(found.segments)
     advice = f"shared memory of ROS programs that were killed; {_CLEAN}" if shown else ""
-    return advised(_RUNS, "dead segments", amount, advice, {"bytes": size, "names": shown})
+    return advised(_RUNS, "dead segments", _shortened(shown), advice, {"names": shown})
 
 
 def _folders(found: Leftovers) -> CheckResult:

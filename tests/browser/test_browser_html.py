@@ -177,31 +177,6 @@ def point_at_the_middle(page: Page, place: float = 1 / 4) -> None:
     page.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
 
 
-def test_pointing_at_a_line_says_its_values(browser: Chromium, server: Server) -> None:
-    with browser.page(address(server)) as page:
-        point_at_the_middle(page)
-        assert page.evaluate("document.querySelector('.tip').hidden") is False
-        told = page.evaluate("document.querySelector('.tip').textContent")
-        assert told.startswith("10 Hz: ")
-        assert "% at or below" in told
-        assert told.endswith(" ms")
-        # All latencies of this run lie between these.
-        assert 15 < float(told.rsplit(" ", 2)[1]) < 60
-
-
-def test_keys_zoom_and_give_back_the_whole(browser: Chromium, server: Server) -> None:
-    view = "document.querySelector('svg.chart').getAttribute('viewBox')"
-    with browser.page(address(server)) as page:
-        whole = page.evaluate(view)
-        page.evaluate("document.querySelector('svg.chart').focus()")
-        for text in ("+", "0"):
-            page.call("Input.dispatchKeyEvent", type="keyDown", key=text, text=text)
-            page.call("Input.dispatchKeyEvent", type="keyUp", key=text)
-            assert (page.evaluate(view) == whole) is (text == "0")
-        page.evaluate("document.querySelector('.tools button').click()")
-        assert page.evaluate(view) != whole
-
-
 def test_a_screen_reader_finds_names(browser: Chromium, server: Server) -> None:
     with browser.page(address(server)) as page:
         page.call("Accessibility.enable")

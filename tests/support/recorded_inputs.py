@@ -40,9 +40,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, QoSDurabilityPolicy, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import Image, Imu, LaserScan, PointCloud2
 
-import profiles
-from profiles import IMPORTED, made, make_profile
-from starred import *
+from profiles import IMPORTED
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -53,9 +51,6 @@ class Tested(Node):
         self.output = self.create_publisher(LaserScan, "output", 10)
 """
 _TAIL = """
-    def own_profile(self):
-        return QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-
     def keep(self, message):
         self.kept = message
 

@@ -100,20 +100,6 @@ def test_a_node_with_a_file_of_its_parameters(key: str, namespace: str, topic: s
     assert spec().namespace == namespace
 
 
-def test_a_file_with_parameters_of_several_such_nodes(call: Call) -> None:
-    Path("node.py").write_text(COMPUTED)
-    keys = "{ros__parameters: {topic: said}}"
-    Path("own.yaml").write_text(f"/front/talker: {keys}\nrear: {{talker: {keys}}}\n")
-    text = made("--node", "./node.py:main", "--params-file", "own.yaml")
-    assert "# - which of /front/talker, /rear/talker it is: the file names them all\n" in text
-    assert spec().graph.nodes["talker"].namespace == "/front"
-    Path("made.r2b.yaml").unlink()
-    # A pattern that does not match names no namespace.
-    Path("own.yaml").write_text(f"/*/left/talker: {keys}\n")
-    call("init", "made", "--node", "./node.py:main", "--params-file", "own.yaml", status=0)
-    assert spec().namespace == "r2b"
-
-
 def test_a_node_whose_topics_are_computed() -> None:
     """What is not known is said with the reason, and nothing is made up."""
     write_scans(Path("scans"), 10, 20)

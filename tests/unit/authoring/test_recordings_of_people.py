@@ -121,19 +121,6 @@ CASES: dict[str, Case] = {
         _FUSION,
         {"scan": {}, "image": {"clock_ahead": "5 s"}},
     ),
-    "messages that were recorded late": Case(
-        series("/scan", SCAN, 90, 30) + series("/image", IMAGE, 90, 30, late_ns=60 * MS),
-        _FUSION,
-        {"scan": {}, "image": {}},
-        rate="30 Hz",
-    ),
-    "a clock that stands still": Case(
-        series("/scan", SCAN, 40, 10)
-        + series("/image", IMAGE, 40, 10, stamp=lambda _: START_NS, late_ns=7 * MS),
-        _FUSION,
-        {"scan": {}, "image": {"rate": "recorded"}},
-        (_CLOCK,),
-    ),
     "two machines, different rates": Case(
         series("/scan", SCAN, 100, 10)
         + series("/image", IMAGE, 300, 30, stamp=lambda time_ns: time_ns - 2 * S, late_ns=7 * MS),
@@ -152,15 +139,6 @@ CASES: dict[str, Case] = {
         {"image": {"rate": "recorded"}, "imu": {}},
         rate="200 Hz",
     ),
-    "two cameras and a lidar": Case(
-        TWO_CAMERAS,
-        (
-            ("left/image", IMAGE, "keep", "10"),
-            ("right/image", IMAGE, "keep", "10"),
-            ("points", POINTS, "answer", "10"),
-        ),
-        {"left/image": {"rate": "recorded"}, "right/image": {"rate": "recorded"}, "points": {}},
-    ),
     "two cameras without a common trigger": Case(
         TWO_CAMERAS,
         (("left/image", IMAGE, "answer", "10"), ("right/image", IMAGE, "keep", "10")),
@@ -178,30 +156,11 @@ CASES: dict[str, Case] = {
         (("map", MAP, "keep", "10"), *_SCAN_NODE),
         {"map": {"rate": "once"}, "scan": {}},
     ),
-    "a pause": Case(
-        series("/scan", SCAN, 80, 10) + series("/scan", SCAN, 80, 10, start_ns=START_NS + 9 * S),
-        _SCAN_NODE,
-        {"scan": {}},
-    ),
-    "profiles that are not known": Case(
-        series("/scan", SCAN, 40, 10),
-        _SCAN_NODE,
-        {"scan": {}},
-        profiles={"/scan": offered("SYSTEM_DEFAULT", "UNKNOWN")},
-    ),
     "a converter that wrote its own times": Case(
         squeezed(series("/scan", SCAN, 100, 10) + series("/image", IMAGE, 300, 30), 0.01),
         _FUSION,
         {"scan": {}, "image": {"rate": "recorded"}},
         (_CLOCK,),
-    ),
-    "a recorder that writes twice a second": Case(
-        [
-            row._replace(time_ns=row.time_ns // (500 * MS) * 500 * MS + number)
-            for number, row in enumerate(series("/scan", SCAN, 40, 10))
-        ],
-        _SCAN_NODE,
-        {"scan": {}},
     ),
     "commands without a header": Case(
         series("/scan", SCAN, 40, 10) + series("/cmd_vel", TWIST, 80, 20),
@@ -342,22 +301,6 @@ def test_clock_has_one_publisher_of_the_time_of_the_stamps(tmp_path: Path, edit:
     if edit != "inputs":
         text = text.replace("playback:\n", "playback:\n  clock: true\n", 1)
     assert ("R2B243", "error") in found(tmp_path, text)[0]
-
-
-@pytest.mark.parametrize(
-    ("before", "argument"),
-    [
-        ("", "profiles.any_of(1)[0]"),
-        ("        self.qos = QoSProfile(depth=1)\n        self.qos.depth = 2\n", "self.qos"),
-    ],
-)
-def test_a_profile_that_is_not_read_is_said_to_be_unknown(
-    tmp_path: Path, before: str, argument: str
-) -> None:
-    record(tmp_path / "bag", SCANS)
-    first = first_spec(tmp_path, node(("scan", SCAN, "answer", argument), before=before))
-    assert "- which quality of service tested requests of scan: line " in first.text
-    assert first.findings == []
 
 
 @pytest.mark.parametrize("at_s", [15, 29.9])
