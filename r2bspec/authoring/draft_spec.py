@@ -49,7 +49,6 @@ _ENOUGH_FOR_RATE = 10
 _LOADED = "recorded"
 _OFFERED = r"^(?!lifecycle_msgs/)\w+/(srv|action)/\w+$"
 """Types of services and actions that are a node's own."""
-"""How a spec says that it does not know the outputs."""
 
 
 @dataclass(slots=True)
@@ -158,7 +157,7 @@ class Draft:
     namespace: str = field(init=False)
     measured: PhaseWiring = field(init=False)
 
-    def complete(self) -> None:
+    def __post_init__(self) -> None:
         """Find out what the nodes and the recording tell of inputs and outputs."""
         self.unknown += self.nodes.unknown
         self.namespace = "" if self.nodes.is_absolute else "/r2b"

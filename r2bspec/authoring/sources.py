@@ -105,7 +105,6 @@ def spec_from_sources(name: str, folder: Path, sources: InitSources) -> FirstSpe
     if recording is not None:
         shown.append(f"the recording {recording.written}")
     spec = Draft(name, draft, recording, folder)
-    spec.complete()
     return FirstSpec(spec.text(shown), spec.lacks_topics, findings)
 
 

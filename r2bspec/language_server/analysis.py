@@ -166,10 +166,6 @@ class OpenSpecs:
         if analysis.tree is not None:
             self._readable[path] = analysis
 
-    def latest(self, path: Path) -> Analysis | None:
-        """Return the newest analysis; that of an older text while a newer text is analysed."""
-        return self._latest.get(path)
-
     def readable(self, path: Path) -> Analysis | None:
         """Return the newest analysis of a text that could be parsed."""
         return self._readable.get(path)

@@ -26,7 +26,6 @@ from r2bspec.diagnostics.diagnostic import LINE_BREAK
 from r2bspec.language.document import Source
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, TreeNode
 from r2bspec.language.yaml_document import compose
-from r2bspec.safe_io.limits import MAX_EDITOR_PARSED_CHARACTERS
 
 _PROTOCOL_LINE_BREAK: Final = re.compile(r"\r\n|\n|\r")
 
@@ -217,23 +216,16 @@ class CursorContext:
 
 
 def cursor_context(text: str, offset: int) -> CursorContext | None:
-    """Return the context of the cursor at an offset; None in a comment, or if nothing fits.
-
-    None, too, in a text that is too long to be parsed with every key press.
-    """
+    """Return the context of the cursor at an offset; None in a comment, or if nothing fits."""
     line_start = text.rfind("\n", 0, offset) + 1
     line = text[line_start:offset]
     if _COMMENT.search(line):
         return None
-    left = MAX_EDITOR_PARSED_CHARACTERS
     # 'key:value' is one word in YAML; 'key: value' is split at the space.
     first, rest = _WORD_BEFORE.search(line), _WORD.match(text, offset)
     start = line_start + first.start() if first is not None else offset
     end = rest.end() if rest is not None else offset
     for candidate in _candidates(text, start, end):
-        left -= len(candidate)
-        if left < 0:
-            break
         tree = compose(Source("cursor", candidate)).tree
         marked = _marked(tree) if tree is not None else None
         if marked is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import unquote, urlsplit
@@ -44,7 +44,7 @@ class SpecLanguageServer(LanguageServer):
         self._positions = TextPositions("")
         self._task: asyncio.Task[None] | None = None
         self._waiting: set[Path] = set()
-        self._published: dict[str, frozenset[str]] = {}
+        self._shown: dict[str, Mapping[str, list[types.Diagnostic]]] = {}
 
     def text_of(self, path: Path) -> str:
         """Return the text of a file: the open text, or that on disk; empty if there is none."""
@@ -140,37 +140,26 @@ class SpecLanguageServer(LanguageServer):
         self.window_log_message(types.LogMessageParams(kind, message))
 
     def _publish(self, analysis: Analysis) -> None:
-        found = diagnostics_by_file(analysis, self.positions_of)
-        before = self._published.get(str(analysis.path), frozenset())
-        for file in before - found.keys():
-            self._send(file, [])
-        for file, diagnostics in found.items():
-            others = [
-                finding
-                for root, files in self._published.items()
-                if root != str(analysis.path) and file in files
-                for finding in self._of_other(root, file)
-            ]
-            self._send(
-                file, [*diagnostics, *(other for other in others if other not in diagnostics)]
-            )
-        self._published[str(analysis.path)] = frozenset(found)
-
-    def _of_other(self, root: str, file: str) -> list[types.Diagnostic]:
-        """Return what another open spec that extends the same file says of it."""
-        other = self.specs.latest(Path(root))
-        return diagnostics_by_file(other, self.positions_of).get(file, []) if other else []
+        root = str(analysis.path)
+        before = self._shown.get(root, {})
+        self._shown[root] = diagnostics_by_file(analysis, self.positions_of)
+        for file in {**before, **self._shown[root]}:
+            self._send(file)
 
     def _clear_others(self) -> None:
         """Remove the diagnostics of specs that were closed, or are none any more."""
-        open_now = {str(spec) for spec in self.specs.specs()}
-        for root in self._published.keys() - open_now:
-            for file in self._published.pop(root):
-                if not any(file in files for files in self._published.values()):
-                    self._send(file, [])
+        for root in self._shown.keys() - {str(spec) for spec in self.specs.specs()}:
+            for file in self._shown.pop(root):
+                self._send(file)
 
-    def _send(self, file: str, diagnostics: list[types.Diagnostic]) -> None:
-        """The version is of the text that was analysed: a newer one is analysed first."""
+    def _send(self, file: str) -> None:
+        """Show what all open specs say of a file: several may extend it.
+
+        The version is of the text that was analysed: a newer one is analysed first.
+        """
+        diagnostics: list[types.Diagnostic] = []
+        for shown in self._shown.values():
+            diagnostics += [each for each in shown.get(file, ()) if each not in diagnostics]
         document = self.specs.document(Path(file))
         name, version = (document.uri, document.version) if document is not None else ("", None)
         self.text_document_publish_diagnostics(

@@ -104,10 +104,8 @@ MAX_PATH_FILE_BYTES: Final = 1 << 20
 """A .pth file of an environment."""
 MAX_GIT_REFS: Final = 1_000
 """That are named by what git prints."""
-# Editors and fleets
+# Fleets
 
-MAX_EDITOR_PARSED_CHARACTERS: Final = 400_000
-"""To propose something: a text that is being written is tried in several ways."""
 MAX_FLEET_ARCHIVE_BYTES: Final = 2 << 30
 """Unpacked: of the files of a spec, or of a run folder. It travels as one message."""
 MAX_FLEET_ARCHIVE_FILES: Final = 20_000

@@ -193,9 +193,7 @@ def test_a_graph() -> None:
         graph_node("detector", "/other"),
     ]
     add_graph_nodes(draft, nodes)
-    made_of_graph = Draft("made", draft, None, Path())
-    made_of_graph.complete()
-    Path("made.r2b.yaml").write_text(made_of_graph.text(["a graph"]))
+    Path("made.r2b.yaml").write_text(Draft("made", draft, None, Path()).text(["a graph"]))
     assert [each for each in validate(Path("made.r2b.yaml")) if each.severity == "error"] == []
     text = Path("made.r2b.yaml").read_text()
     assert re.search(r"/other/detector shares its name", text)
