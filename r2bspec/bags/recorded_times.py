@@ -13,8 +13,6 @@ from itertools import compress, pairwise
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
-import msgspec
-
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.message_types import begins_with_header, read_stamp
 from r2bspec.bags.recording import BagIndex, DataError, TimeWindow
@@ -143,12 +141,6 @@ def _rate_hz(times_ns: list[int]) -> float:
     longest_ns = _PAUSE * sum(intervals_ns) / max(1, len(intervals_ns))
     usual_ns = [interval_ns for interval_ns in intervals_ns if interval_ns <= longest_ns]
     return len(usual_ns) * 1e9 / sum(usual_ns) if any(usual_ns) else 0.0
-
-
-class RecordedTimes(msgspec.Struct, frozen=True, kw_only=True):
-    """The times of a bag, by topic; None if it cannot be read."""
-
-    times: dict[str, TopicTimes] | None
 
 
 def times_of_bag(path: Path, index: BagIndex) -> dict[str, TopicTimes] | None:

@@ -174,17 +174,19 @@ def _sample(across: NDArray[np.float32], up: NDArray[np.float32]) -> NDArray[np.
     return np.asarray(below + (above - below) * high_share)
 
 
-def tag_corners_px(tag: scenes.Tag, camera: Camera, pose: Pose) -> list[tuple[float, float]]:
-    """Return the pixels of the corners of the black square, given world from the tag's frame.
+def square_corners_px(
+    tag: scenes.Tag, camera: Camera, pose: Pose, half_m: float
+) -> list[tuple[float, float]]:
+    """Return the pixels of the corners of a square around the centre of a tag.
 
     They go clockwise from the top left in the tag's own image.
+
+    Args:
+        tag: the tag.
+        camera: the camera that sees it.
+        pose: world from the camera's optical frame.
+        half_m: half of an edge of the square.
     """
-    half = tag.size_m / 2
-    return _shown(tag, camera, pose, half)
-
-
-def _shown(tag: scenes.Tag, camera: Camera, pose: Pose, half_m: float) -> list[tuple[float, float]]:
-    """Return the pixels of the corners of a square around the centre of the tag."""
     to_tag = pose.inverse().compose(tag.pose)
     places = ((-half_m, -half_m), (half_m, -half_m), (half_m, half_m), (-half_m, half_m))
     points = [to_tag.apply((x, y, 0.0)) for x, y in places]
@@ -211,7 +213,7 @@ def board_cells() -> NDArray[np.float32]:
 def _paint_tag(image: NDArray[np.uint8], tag: scenes.Tag, camera: Camera, pose: Pose) -> None:
     """Lay the tag over an image (height, width, channels); nothing stands before it."""
     cell_m = tag.size_m / scenes.MARKER_CELLS
-    corners = _shown(tag, camera, pose, cell_m * scenes.BOARD_CELLS / 2)
+    corners = square_corners_px(tag, camera, pose, cell_m * scenes.BOARD_CELLS / 2)
     left, top = (max(0, int(min(corner[axis] for corner in corners)) - 1) for axis in (0, 1))
     right, bottom = (int(max(corner[axis] for corner in corners)) + 2 for axis in (0, 1))
     region = image[top:bottom, left:right]

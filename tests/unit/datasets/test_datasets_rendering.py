@@ -10,9 +10,9 @@ from data_bags import decoded, pixels, stamp_ns
 from r2bspec.bags.recording import SyntheticDataset
 from r2bspec.datasets import rig
 from r2bspec.datasets.catalogue import SEQUENCES
-from r2bspec.datasets.geometry import BODY_FROM_OPTICAL, GRAVITY_M_S2
-from r2bspec.datasets.rendering import camera_pose, render_depth, tag_corners_px
-from r2bspec.datasets.scenes import TAG_ID, Tag, find_scene
+from r2bspec.datasets.geometry import BODY_FROM_OPTICAL, GRAVITY_M_S2, Pose
+from r2bspec.datasets.rendering import camera_pose, render_depth, square_corners_px
+from r2bspec.datasets.scenes import TAG_ID, find_scene
 from r2bspec.datasets.sensors import cloud_dtype
 
 START_NS = SEQUENCES["r2b_storage"].start_ns
@@ -50,7 +50,7 @@ def test_the_right_image_shows_the_left_one_shifted_by_the_disparity(
     # What the right camera sees there must be as far away: else something hides the point.
     seen = (across >= 0) & (np.abs(sampled(right_depth, across) - left_depth) < 0.01 * left_depth)
     # The tag hangs before what the depth knows of.
-    corners = tag_corners_px(_tag(), left_camera, camera_pose(body, left_camera))
+    corners = tag_corners(left_camera, body)
     (low_u, low_v), (high_u, high_v) = np.min(corners, axis=0), np.max(corners, axis=0)
     seen[int(low_v) - 150 : int(high_v) + 150, int(low_u) - 150 : int(high_u) + 150] = False
     assert seen.mean() > 0.7
@@ -62,10 +62,10 @@ def test_the_right_image_shows_the_left_one_shifted_by_the_disparity(
     assert np.median(wrong) > 2 * np.median(difference)
 
 
-def _tag() -> Tag:
+def tag_corners(camera: rig.Camera, body: Pose) -> list[tuple[float, float]]:
     tag = find_scene("r2b_storage").tag
     assert tag is not None
-    return tag
+    return square_corners_px(tag, camera, camera_pose(body, camera), tag.size_m / 2)
 
 
 @pytest.mark.parametrize("topic", CAMERAS)
@@ -81,7 +81,7 @@ def test_opencv_finds_the_tag_where_it_is(storage_room: SyntheticDataset, topic:
         corners, ids, _ = detector.detectMarkers(grey)
         assert ids is not None
         assert ids.ravel().tolist() == [TAG_ID]
-        expected = tag_corners_px(_tag(), CAMERAS[topic], camera_pose(body, CAMERAS[topic]))
+        expected = tag_corners(CAMERAS[topic], body)
         # OpenCV's dictionary is upside down up to 5.0.
         found = sorted(map(tuple, np.asarray(corners[0][0], np.float64)))
         assert np.abs(np.subtract(found, sorted(expected))).max() < 0.7
