@@ -35,7 +35,6 @@ from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pipeline import first_iterations, judge
 from r2bspec.judge.ratio_of_starts import (
     can_be_played_by_turns,
-    judge_baseline_requirements,
     judge_ratio,
     run_value,
     turn_kind,
@@ -181,14 +180,7 @@ def _at_look(objective: Objective, looks: InterimLooks, look: int) -> Objective:
 
 
 def _judge_once(objectives: Objectives, pairs: Pairs, policy: DecisionPolicy) -> Verdict:
-    verdict = judge(objectives, pairs.merged, policy)
-    verdict = judge_baseline_requirements(
-        verdict,
-        objectives,
-        pairs.merged,
-        policy,
-        lambda case: _judge_ratio(case, pairs),
-    )
+    verdict = judge(objectives, pairs.merged, policy, lambda case: _judge_ratio(case, pairs))
     if not any(requirement.metric == "sustained" for requirement in verdict.requirements):
         return verdict
     by_run = [judge(objectives, run, policy).requirements for run in pairs.head]

@@ -10,8 +10,8 @@ out in their order, each on the verdict of the one before:
 
 Reasons for which nothing can be decided come first, and the method of the metric last
 (`decide_case`). The outcome of the run follows from the verdicts on its requirements. What a second
-run changes is in `r2bspec.judge.confirmation`, what a baseline does in
-`r2bspec.judge.ratio_of_starts`.
+run changes is in `r2bspec.judge.confirmation`. A ratio to a baseline is decided by pairs
+(`r2bspec.judge.pair_comparison`), and by no step.
 
 No step makes a PASS of another outcome, so that the share of wrong passes is that of the decision.
 """
@@ -71,6 +71,7 @@ from r2bspec.language.spec import Objective
 from r2bspec.record.run_record import RunRecord
 
 Decide = Callable[[RequirementCase, RunRecord], Decision]
+DecideRatio = Callable[[RequirementCase], RequirementVerdict]
 _BY_RECORD: Final[dict[Statistic, Decide]] = {
     "search": judge_peak,
     "sequential": judge_sustained,
@@ -95,6 +96,7 @@ def judge(
     objectives: Mapping[str, Objective],
     samples: RunSamples,
     policy: DecisionPolicy = _DEFAULT_POLICY,
+    ratio: DecideRatio | None = None,
 ) -> Verdict:
     """Judge every requirement of every objective, and the run as a whole.
 
@@ -109,11 +111,12 @@ def judge(
         objectives: by name.
         samples: the run.
         policy: as the plan stated it before the run.
+        ratio: decides a requirement of the baseline; None if the run was compared with none.
     """
     judged_objectives = {
         name: objective for name, objective in objectives.items() if objective.level != "off"
     }
-    run = JudgedRun(judged_objectives, with_refuted_peak(samples), policy)
+    run = JudgedRun(judged_objectives, with_refuted_peak(samples), policy, ratio)
     return _run_verdict(run, tuple(map(_after_all_steps, run.requirements())))
 
 
@@ -124,6 +127,7 @@ class JudgedRun:
     objectives: Mapping[str, Objective]
     samples: RunSamples
     policy: DecisionPolicy
+    ratio: DecideRatio | None = None
 
     @cached_property
     def playback_validity(self) -> PlaybackValidity:
@@ -192,11 +196,15 @@ class JudgedRequirement:
     asked: RequirementCase
     problem: str = ""
 
+    @property
+    def confidence(self) -> float:
+        """The confidence of its decision."""
+        own = self.objective.confidence
+        return own.fraction if own is not None else self.run.policy.confidence
+
     def decided_by(self, samples: RunSamples) -> RequirementVerdict:
         """Return the decision on the samples of the run, after all looks that they allow."""
-        looks, policy = self.run.policy.looks, self.run.policy
-        own = self.objective.confidence
-        confidence = own.fraction if own is not None else policy.confidence
+        looks, policy, confidence = self.run.policy.looks, self.run.policy, self.confidence
         if looks is None:
             return self._decided_once(samples, confidence, early=policy.early)
         decisions = [
@@ -213,9 +221,19 @@ class JudgedRequirement:
 
     def decided_by_part(self, samples: RunSamples) -> RequirementVerdict:
         """Return the decision on a part of the samples, as if it were the whole run."""
-        own = self.objective.confidence
-        policy = self.run.policy
-        return self._decided_once(samples, own.fraction if own is not None else policy.confidence)
+        return self._decided_once(samples, self.confidence)
+
+    def decided_by_pairs(self) -> RequirementVerdict | None:
+        """Return the decision on a ratio to a baseline; None for another requirement."""
+        requirement, decide = self.asked.requirement, self.run.ratio
+        if decide is None or self.problem or not requirement.of_baseline:
+            return None
+        case = self.case(self.run.samples, self.confidence)
+        if requirement.bound is not None:
+            case = replace(case, limit=requirement.bound.value)
+        unpaired = latency_unknown_by_order(case.info, case.monitor, case.iterations)
+        verdict = requirement_verdict(case, undecided(*unpaired)) if unpaired else decide(case)
+        return self._finished(case, verdict)
 
     def rests_on_more_than(self, rest: RequirementVerdict, whole: RequirementVerdict) -> bool:
         """Return True if a part decides otherwise, and not only for lack of messages."""
@@ -241,10 +259,14 @@ class JudgedRequirement:
         else:
             decision = decide_case(case, samples)
         verdict = requirement_verdict(case, decision)
-        verdict = msgspec.structs.replace(verdict, level=self.objective.level)
         if early and decision.outcome != "inconclusive" and METHODS[decision.method].grows:
             too_few = len(set(case.starts)) < FAIL_FROM_STARTS
             verdict = verdict.held_back(early_doubt(case, verdict), opens=too_few)
+        return self._finished(case, verdict)
+
+    def _finished(self, case: RequirementCase, verdict: RequirementVerdict) -> RequirementVerdict:
+        """Return the verdict with its level and what is said of all; none where all is invalid."""
+        verdict = msgspec.structs.replace(verdict, level=self.objective.level)
         if self.problem:
             return verdict
         if _losses_may_hide(case):
@@ -534,6 +556,8 @@ STEPS: Final[tuple[Callable[[JudgedRequirement, RequirementVerdict], Requirement
 
 
 def _after_all_steps(judged: JudgedRequirement) -> RequirementVerdict:
+    if (by_pairs := judged.decided_by_pairs()) is not None:
+        return by_pairs
     verdict = judged.decided_by(judged.run.samples)
     for step in STEPS:
         verdict = step(judged, verdict)

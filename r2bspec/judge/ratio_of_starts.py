@@ -36,23 +36,21 @@ not sampled decides nothing for either, and neither does a share of 0, which has
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Final
 
 import msgspec
 import numpy as np
 
-from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.measure.metric import MetricInfo, Scope
-from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, MetricError, resolve
+from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH
 from r2bspec.judge.measure.metric_values import metric_value, values_with_lost
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.methods import Method
 from r2bspec.judge.methods.mean_bound import resolution
-from r2bspec.judge.pipeline import latency_unknown_by_order
 from r2bspec.judge.requirement_case import (
     Decision,
     RequirementCase,
@@ -68,101 +66,22 @@ from r2bspec.judge.statistics.t_interval import (
     paired_ratio,
     t_quantile,
 )
-from r2bspec.judge.verdict import BaselineEstimate, RequirementVerdict, Verdict
-from r2bspec.language.comparison_grammar import Requirement
-from r2bspec.language.spec import Objective
+from r2bspec.judge.verdict import BaselineEstimate, RequirementVerdict
 from r2bspec.record.run_record import TurnKind
 
 Values = Sequence[float | None]
 """A metric in the pairs, of one side; None or infinite where it has no value."""
 
-# Which requirements are ratios.
 
-
-def judge_baseline_requirements(
-    verdict: Verdict,
-    objectives: Mapping[str, Objective],
-    samples: RunSamples,
-    policy: DecisionPolicy,
-    judge_case: Callable[[RequirementCase], RequirementVerdict],
-) -> Verdict:
-    """Return a verdict with its requirements of the baseline judged.
-
-    Requirements that were decided without a baseline stay: a metric that does not exist fails, and
-    a rate at which the playback missed its schedule is undecided.
-
-    Args:
-        verdict: of the runs of the head by themselves.
-        objectives: that were judged.
-        samples: these runs.
-        policy: by which they were judged.
-        judge_case: judges one requirement, whose limit is a ratio.
-    """
-    unusable = {requirement.reason for requirement in verdict.unusable}
-    requirements = tuple(
-        requirement
-        if requirement.reason in unusable
-        else _judge_requirement(requirement, objectives, samples, policy, judge_case)
-        for requirement in verdict.requirements
-    )
-    return verdict.with_requirements(requirements, policy.inconclusive)
-
-
-def _judge_requirement(
-    one: RequirementVerdict,
-    objectives: Mapping[str, Objective],
-    samples: RunSamples,
-    policy: DecisionPolicy,
-    judge_case: Callable[[RequirementCase], RequirementVerdict],
-) -> RequirementVerdict:
-    requirement = _baseline_requirement(one, objectives)
-    if requirement is None or (one.outcome, one.method) != ("inconclusive", "none"):
-        return one
-    try:
-        _, info = resolve(requirement.metric, samples.monitors, samples.subjects)
-    except MetricError:
-        return one
-    iterations = samples.iterations_at(one.at_hz)
-    problem = _undecidable_reason(requirement, info, one) or latency_unknown_by_order(
-        info, one.monitor, iterations
-    )
-    if problem is not None:
-        return msgspec.structs.replace(one, reason=problem[0], remedy=problem[1])
-    own = objectives[one.objective].confidence
-    case = RequirementCase(
-        one.objective,
-        requirement,
-        one.at_hz,
-        info,
-        one.monitor,
-        limit=requirement.bound.value if requirement.bound is not None else math.nan,
-        iterations=iterations,
-        confidence=own.fraction if own is not None else policy.confidence,
-    )
-    verdict = judge_case(case)
-    return msgspec.structs.replace(verdict, level=one.level, notes=(*verdict.notes, *one.notes))
-
-
-def _baseline_requirement(
-    one: RequirementVerdict, objectives: Mapping[str, Objective]
-) -> Requirement | None:
-    """Return the requirement of the baseline of a verdict; None if it is another requirement."""
-    objective = objectives.get(one.objective)
-    for requirement in objective.require if objective is not None else ():
-        if requirement.text == one.text and requirement.bound is not None:
-            return requirement if requirement.bound.of_baseline else None
-    return None
-
-
-def _undecidable_reason(
-    requirement: Requirement, info: MetricInfo, one: RequirementVerdict
-) -> tuple[str, str] | None:
+def _undecidable(case: RequirementCase) -> Decision | None:
     """Return why pairs can never decide a requirement, and what to do; None if they can."""
-    if requirement.op in {"==", "!="}:
-        return "No two runs are exactly equal.", "Use <= or >= with a margin, such as 105 %."
-    if info.scope is not Scope.SEARCH and one.at_hz is None:
-        reason = f"The objective does not state the rate of {info.name}."
-        return reason, "Add 'at' to the objective."
+    if case.is_equality:
+        return undecided(
+            "No two runs are exactly equal.", "Use <= or >= with a margin, such as 105 %."
+        )
+    if case.info.scope is not Scope.SEARCH and case.at_hz is None:
+        reason = f"The objective does not state the rate of {case.info.name}."
+        return undecided(reason, "Add 'at' to the objective.")
     return None
 
 
@@ -264,7 +183,7 @@ def judge_ratio(
         by_turns: whether the pairs are starts of both sides by turns.
     """
     interval: RatioInterval | None = None
-    decision = _without_value(case, base, head)
+    decision = _undecidable(case) or _without_value(case, base, head)
     if decision is None and len(base) < 2:
         decision = (
             undecided("A single start does not show how starts differ.")

@@ -39,14 +39,6 @@ NODE_TIMES: Final = ("wait", "take", "dispatch", "callback")
 
 
 @dataclass(frozen=True)
-class Timed:
-    """Durations, each with the time at which it began (CLOCK_MONOTONIC)."""
-
-    at_ns: Ints
-    seconds: Seconds
-
-
-@dataclass(frozen=True)
 class NodeAnatomy:
     """What a node did in the observed iteration.
 
@@ -69,11 +61,11 @@ class NodeAnatomy:
 
     name: str
     process: str
-    wait: Timed
-    take: Timed
-    dispatch: Timed
-    callback: Timed
-    publish: Timed
+    wait: Seconds
+    take: Seconds
+    dispatch: Seconds
+    callback: Seconds
+    publish: Seconds
     threads: tuple[int, ...]
     loads: Seconds
     taken: Mapping[str, int]
@@ -104,7 +96,7 @@ class Anatomy:
 
     paths: Mapping[str, tuple[Path, ...]]
     nodes: Mapping[str, NodeAnatomy]
-    transports: Mapping[str, Timed]
+    transports: Mapping[str, Seconds]
     monitored: Mapping[str, int]
     window_ns: tuple[int, int]
     lost: int
@@ -125,15 +117,14 @@ class Anatomy:
         found: dict[str, Seconds] = {}
         for name, node in self.nodes.items():
             for what in (*NODE_TIMES, "publish"):
-                times: Timed = getattr(node, what)
-                found[f"{name}.{what}"] = times.seconds
+                found[f"{name}.{what}"] = getattr(node, what)
             missed, taken = sum(node.overtaken.values()), sum(node.taken.values())
             found[f"{name}.load"] = node.loads
             found[f"{name}.overtaken"] = np.array(
                 [missed / (missed + taken)] if missed + taken else []
             )
         for topic, transport in self.transports.items():
-            found[f"{topic}.transport"] = transport.seconds
+            found[f"{topic}.transport"] = transport
         for monitor, paths in self.paths.items():
             followed = [path.seconds[path.last] for path in paths]
             found[f"{monitor}.path"] = np.concatenate([np.empty(0), *followed])
@@ -248,7 +239,7 @@ def _is_end(events: Events, takes: Ints, monitor: MonitorPlan, plan: Plan) -> Ma
     return is_end
 
 
-def _transports(events: Events, within: Mask) -> dict[str, Timed]:
+def _transports(events: Events, within: Mask) -> dict[str, Seconds]:
     known = (
         events.is_take
         & within
@@ -263,14 +254,12 @@ def _transports(events: Events, within: Mask) -> dict[str, Timed]:
     }
 
 
-def _timed(began_ns: Ints, ended_ns: Ints, rows: Ints) -> Timed:
+def _timed(began_ns: Ints, ended_ns: Ints, rows: Ints) -> Seconds:
     """Durations of rows that have both times, by their begin."""
     rows = rows[(began_ns[rows] != UNKNOWN_NS) & (ended_ns[rows] >= began_ns[rows])]
     rows = rows[np.argsort(began_ns[rows], kind="stable")]
-    at_ns, seconds = began_ns[rows], (ended_ns[rows] - began_ns[rows]) / 1e9
-    for array in (at_ns, seconds):
-        array.setflags(write=False)
-    return Timed(at_ns, seconds)
+    took: Seconds = (ended_ns[rows] - began_ns[rows]) / 1e9
+    return took
 
 
 def _nodes(

@@ -202,7 +202,7 @@ def _part(part: Part, whole: float, slowest: int) -> PartSummary:
 
 
 def _node(node: NodeAnatomy) -> NodeSummary:
-    callback, wait = _few(node.callback.seconds), _few(node.wait.seconds)
+    callback, wait = _few(node.callback), _few(node.wait)
     return NodeSummary(
         name=node.name,
         process=node.process,

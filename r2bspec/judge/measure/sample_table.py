@@ -61,8 +61,6 @@ messages in the order of arrival, and whether its time of reception is that of t
 Expected outputs are in the order of the steps, or of arrival where inputs have any number."""
 
 _NOTHING: Final[Seconds] = np.empty(0)
-_WHOLE = 0.05
-"""Outputs per input are a whole number within this."""
 
 
 @dataclass(frozen=True)
@@ -392,34 +390,18 @@ class MonitorSamples:
     @property
     def fitting_match(self) -> str:
         """What the monitor should declare if a ratio or any number fits better; else empty."""
-        if self.kind != "answers" or self.per_step != 1:
+        if self.kind != "answers" or self.per_step != 1 or self.by_order:
             return ""
         strides, counts, delays = [_NOTHING], [_NOTHING], [0.0]
-        before = [(0, 0)]
         for number, span in enumerate(self.spans):
-            rows, segment = self.rows[self.rows["span"] == number], span.segment
-            step_ns = (segment.ended_ns - segment.began_ns) / max(1, span.sent)
+            rows = self.rows[self.rows["span"] == number]
             came, expected = _came(rows), rows["kind"] == MessageKind.EXPECTED
-            if not step_ns or not came.any():
-                continue
-            if self.by_order:
-                if (per := np.count_nonzero(came) / span.sent) > 1:
-                    is_whole = abs(per - round(per)) < _WHOLE
-                    counts.append(np.full(span.sent, float(round(per)) if is_whole else per))
-                else:
-                    # Without stamps, the times of outputs say how many inputs are between.
-                    strides.append(np.round(np.diff(_arrived(rows)) / step_ns))
-                continue
-            places = segment.played_before + np.flatnonzero(came[expected])
-            if places.size and before[-1][0] == segment.start:
-                places = np.insert(places, 0, before[-1][1])
-            if places.size:
-                before.append((segment.start, int(places[-1])))
-            strides.append(np.diff(places).astype(np.float64))
-            repeated = expected | (rows["kind"] == MessageKind.DUPLICATE)
-            _, found = np.unique(rows["published_ns"][came & repeated], return_counts=True)
+            step_ns = (span.segment.ended_ns - span.segment.began_ns) / max(1, span.sent)
+            strides.append(np.diff(np.flatnonzero(came[expected])).astype(np.float64))
+            answers = came & (expected | (rows["kind"] == MessageKind.DUPLICATE))
+            _, found = np.unique(rows["published_ns"][answers], return_counts=True)
             counts.append(found.astype(np.float64))
-            if places.size:
+            if step_ns and found.size:
                 latency = np.median(_elapsed(rows[came & expected], "published_ns"))
                 delays.append(float(latency) * 1e9 / step_ns)
         return fitting_match(np.concatenate(strides), np.concatenate(counts), max(delays))

@@ -17,7 +17,6 @@ from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.measure.metrics import summarise
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.pipeline import judge
-from r2bspec.judge.ratio_of_starts import judge_baseline_requirements
 from r2bspec.judge.requirement_case import RequirementCase
 from r2bspec.judge.result import Result
 from r2bspec.judge.validity import lateness_limit_s
@@ -129,7 +128,7 @@ def test_by_order_more_outputs_than_the_ratio_allows_are_invalid(tmp_path: Path)
     assert found.outcome == "invalid"
     assert "received 1,800 outputs for 900 inputs" in found.reason
     assert "its ratio allows 900" in found.reason
-    assert "'ratio: {outputs: 2}'" in found.requirements[0].remedy
+    assert "Set the ratio of the monitor" in found.requirements[0].remedy
 
 
 def lossy(lost: int) -> NDArray[np.float64]:
@@ -153,13 +152,7 @@ def test_by_order_one_lost_message_makes_the_latency_unknown(tmp_path: Path, met
 def test_nor_is_it_compared_with_a_baseline(tmp_path: Path) -> None:
     run = by_order("latency.p50 <= 105 % of baseline", latency=lossy(1)).write(tmp_path / "run")
     samples = read_samples(run)
-    found = judge_baseline_requirements(
-        judge(run.plan.objectives, samples),
-        run.plan.objectives,
-        samples,
-        decision_policy(run.plan),
-        _never_asked,
-    )
+    found = judge(run.plan.objectives, samples, decision_policy(run.plan), _never_asked)
     assert [requirement.outcome for requirement in found.requirements] == ["inconclusive"]
     assert "matched by order, and 3 of 900 are missing" in found.requirements[0].reason
 
