@@ -127,6 +127,43 @@ def away() -> None:
     )
 
 
+def verdicts(runs: int = 100) -> None:
+    """The figures of the verdicts: errors on the limit, and what is decided away from it."""
+    most = np.zeros(3)
+    met, say_so, silent = 0, 0, []
+    for name, world in {**START_WORLDS, **RARE_WORLDS}.items():
+        found = errors(world, quantities_of(name), runs=runs, looks=True, said=True)
+        for quantity, counts in found.items():
+            if held(counts):
+                met, most = met + 1, np.maximum(most, counts.shares)
+            elif counts.said >= 0.9 * int(counts.counts[:2].sum()):
+                say_so += 1
+            else:
+                silent.append(f"{name}, {quantity}: {counts}")
+    right = [
+        right_away_from_the_limit(world, quantity, runs=runs // 4)
+        for world in START_WORLDS.values()
+        for quantity in ("p50", "p99", "mean, throughput")
+    ]
+    close, clear = (time_to_verdict(distance, 5, runs=5 * runs) for distance in (2.0, 10.0))
+    show(
+        f"Verdicts, {runs} runs a world",
+        ["figure", "value", "aim"],
+        [
+            [
+                f"wrong PASS / FAIL / confirmed, the most in {met} worlds and quantities",
+                " / ".join(f"{100 * share:.1f}" for share in most),
+                "5 / 5 / 1, and three standard errors",
+            ],
+            ["more, and said", say_so, ""],
+            ["more, and not said", "; ".join(silent) or 0, 0],
+            ["right verdict 15 % from the limit", f"{100 * float(np.mean(right)):.1f} %", "96 %"],
+            ["decided at two deviations, five starts", f"{100 * close.decided:.0f} %", "90 %"],
+            ["time to a clear verdict", f"{clear.seconds:.0f} s", "67 s"],
+        ],
+    )
+
+
 def comparisons() -> None:
     """Base against head, in pairs."""
     columns: Mapping[str, Callable[[RunWorld], Errors]] = {
@@ -265,6 +302,7 @@ def peak_edges() -> None:
 TABLES = {
     table.__name__: table
     for table in (
+        verdicts,
         starts,
         away,
         comparisons,
