@@ -14,7 +14,7 @@ from r2bspec.judge.judge_run import judge_with_confirmation, result_of
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.pipeline import judge
 from r2bspec.language.quantities import Share
-from r2bspec.record.run_folder import Run, open_run
+from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import ConfirmationRecord, SearchRecord
 from run_simulation import Played, Simulation, objective, probe
 
@@ -68,16 +68,6 @@ def test_a_batch_that_broke_confirms_nothing(tmp_path: Path) -> None:
     assert found.requirements[0].remedy
 
 
-def test_the_fresh_batch_is_kept_apart_from_the_run(tmp_path: Path) -> None:
-    samples = read_samples(simulated(tmp_path, SLOW, FAST))
-    assert samples.confirmation is not None
-    for batch, kind in ((samples, "iteration"), (samples.confirmation, "confirmation")):
-        assert [one.segment.kind for one in batch.iterations[30.0]] == [kind] * 2
-    # What is reported as measured is the run, not what was played to confirm its failure.
-    metrics = result_of(open_run(tmp_path)).metrics
-    assert [len(rate.iterations) for rate in metrics.rates] == [2]
-
-
 def test_the_fresh_batch_is_judged_at_its_own_confidence(tmp_path: Path) -> None:
     sure = msgspec.structs.replace(REQUIRED["slo"], confidence=Share.parse("99.9 %"))
     samples = read_samples(simulated(tmp_path, SLOW, SLOW))
@@ -101,20 +91,6 @@ class TestSearches:
         assert result_of(low).verdict.outcome == "fail"
         high = self.run(tmp_path / "high", search(120, 123, "confirmation-002"))
         assert result_of(high).verdict.outcome == "inconclusive"
-
-    def test_what_is_played_at_the_peak_is_confirmed_where_it_was_found(
-        self, tmp_path: Path
-    ) -> None:
-        at_peak = msgspec.structs.replace(REQUIRED["slo"], at=None, at_peak=True)
-        run = Simulation(
-            segments=[Played(80, SLOW)] * 2 + [Played(80, SLOW, kind="confirmation")] * 2,
-            objectives={"at_its_limit": at_peak},
-            search=search(80, 82, "probe-001"),
-            confirmation=NOTHING,
-        ).write(tmp_path)
-        verdict = result_of(run).verdict
-        assert verdict.outcome == "fail"
-        assert "Confirmed by a second run in new processes." in verdict.reason
 
 
 def test_a_policy_that_fails_the_open_does_not_call_it_confirmed(tmp_path: Path) -> None:

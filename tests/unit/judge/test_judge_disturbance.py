@@ -151,14 +151,6 @@ class TestWhatTheyMayDo:
         samples = Simulation(segments=segments).samples()
         assert judged(with_interference(samples, STOLEN)).outcome == "fail"
 
-    def test_the_machines_processor_time_is_not(self) -> None:
-        segments = [Played(30, FAST)] * 3
-        cpu = {"player": 0.1, "apriltag": 0.5}
-        samples = Simulation(segments=segments, cpu=cpu).samples()
-        crowded = with_interference(samples, STOLEN)
-        assert judged(samples, "cpu.system.mean < 62 %").outcome == "fail"
-        assert judged(crowded, "cpu.system.mean < 62 %").outcome == "inconclusive"
-
     def test_reruns_that_cannot_change_the_outcome_are_not_played(self) -> None:
         slo = {"slo": objective(ASKED)}
         twice = run({"fail": STOLEN}, {"fail": STOLEN}, {"fail": STOLEN})
@@ -169,12 +161,6 @@ class TestWhatTheyMayDo:
         assert iterations_to_rerun(found) == []
         hint = {"slo": msgspec.structs.replace(objective(ASKED), level="warn")}
         assert iterations_to_rerun(judge(hint, twice)) == []
-
-    def test_a_machine_that_is_always_busy_is_not_asked_again(self) -> None:
-        again = {0: ("fail", STOLEN), 1: ("fail", STOLEN)}
-        found = judged(run(*[{"fail": STOLEN}] * 10, again=again))
-        assert found.requirements[0].weakened
-        assert iterations_to_rerun(found) == []
 
     def test_what_is_to_be_played_again(self) -> None:
         samples = run(

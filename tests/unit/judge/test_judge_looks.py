@@ -43,14 +43,6 @@ class TestThePlan:
         assert len(many) <= MAX_LOOKS
         assert many.iterations[-1] == 2000
 
-    def test_pairs_have_one_and_another_for_what_confirms_a_failure(self) -> None:
-        looks = InterimLooks.after_pairs(10, 15)
-        assert (looks.iterations, looks.error_share(1), looks.error_share(2)) == (
-            (10, 15),
-            1.0,
-            0.125,
-        )
-
     def test_a_run_that_is_judged_once_has_none(self) -> None:
         play = PlayPlan(rate_hz=30.0, duration_ns=1, iterations=4)
         assert InterimLooks.of_plays((), 5) is None
@@ -59,11 +51,6 @@ class TestThePlan:
         looks = InterimLooks.of_plays((play, msgspec.structs.replace(play, iterations=12)), 6)
         assert looks is not None
         assert (looks.iterations, looks.declared) == ((6, 8, 10, 12), 12)
-
-    def test_starts_of_both_sides_have_them_from_the_fifth_on(self) -> None:
-        looks = InterimLooks.after_starts_of_both(12, declared=3)
-        assert (looks.iterations, looks.declared) == ((5, 6, 7, 8, 9, 10, 11, 12), 3)
-        assert InterimLooks.after_starts_of_both(12, declared=20).declared == 12
 
     @pytest.mark.parametrize("iterations", [(5,), (5, 10, 20), (3, 7, 50)])
     def test_the_error_is_divided_without_a_rest(self, iterations: tuple[int, ...]) -> None:
@@ -141,10 +128,6 @@ class TestAllLooksTogether:
     ) -> None:
         found = combine_looks(self.LOOKS, [verdict_of(outcome) for outcome in outcomes])
         assert (found.outcome, found.look, found.looks) == (together, look, 3)
-
-    def test_what_was_only_seen_follows_all_that_was_seen(self) -> None:
-        seen = [verdict_of("pass", "observation"), verdict_of("inconclusive", "observation")]
-        assert combine_looks(self.LOOKS, seen).outcome == "inconclusive"
 
 
 class TestAWholeRun:

@@ -53,12 +53,6 @@ def test_an_output_that_never_came_is_the_slowest_on_its_path(tmp_path: Path) ->
     assert mean.outcome == "inconclusive"
 
 
-def test_all_outputs_that_came_are_on_a_path(tmp_path: Path) -> None:
-    (path,) = judged(tmp_path, "out.path.p99 < 80 ms")
-    assert path.share is not None
-    assert (path.outcome, path.share.n, path.share.lost) == ("pass", 600, 0)
-
-
 def test_what_is_not_whole_decides_nothing(tmp_path: Path) -> None:
     def half(found: Observed) -> Rows:
         rows: Rows = found.rows[np.random.default_rng(0).random(found.rows.size) > 0.3]
@@ -95,10 +89,3 @@ def test_messages_that_nobody_takes_any_more_are_overtaken(tmp_path: Path) -> No
     (share,) = judged(tmp_path, "blur.overtaken < 1 %", left=partial(hangs, name="blur"))
     # Those of the last second may be on their way.
     assert share.estimate == pytest.approx(0.44, abs=0.02)
-
-
-def test_a_thread_of_which_no_end_is_seen_does_not_hang(tmp_path: Path) -> None:
-    """C on rcl waits at the end, and says so when it has waited."""
-    for name in ("decode", "blur", "detect"):
-        (longest,) = judged(tmp_path / name, f"{name}.callback.max < 50 ms")
-        assert longest.outcome == "pass"

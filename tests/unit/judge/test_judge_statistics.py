@@ -96,14 +96,6 @@ class TestPercentileInterval:
         # At most 20 may be over to pass, at least 40 must be to fail.
         assert (interval.lower, interval.estimate, interval.upper) == (2960, 2969, 2979)
 
-    def test_too_few_messages_bound_nothing(self) -> None:
-        def upper(n: int) -> float:
-            ranked = RankedMessages([np.arange(float(n))], (), share_limit(0.01))
-            return percentile_interval(ranked, 0.99).upper
-
-        assert upper(298) == np.inf
-        assert upper(299) == 298
-
 
 def share_limit(allowed: float) -> ShareLimit:
     return ShareLimit(allowed, confidence=0.95, level=0.96)
@@ -128,16 +120,6 @@ def shared(*bad: int, n: int = 100, starts: tuple[int, ...] = STARTS) -> ShareBo
 
 
 class TestShares:
-    def test_no_iteration_and_empty_iterations(self) -> None:
-        assert bounds_of_flags([], (), share_limit(0.01)).n == 0
-        empty = np.zeros(0, dtype=bool)
-        assert bounds_of_flags([empty, *flags(1, n=10)], (), share_limit(0.01)).n == 10
-
-    def test_even_counts_have_the_bounds_of_clopper_and_pearson(self) -> None:
-        found = shared(3, 3, 3, 3, 3, 3, 3, 3, 3, 3)
-        assert found.upper == pytest.approx(upper_bound(30, 1000, 0.95))
-        assert found.lower == pytest.approx(lower_bound(30, 1000, 0.95))
-
     def test_a_burst_in_a_single_iteration_counts_by_stretches(self) -> None:
         late = np.zeros(3000, dtype=bool)
         late[500:505] = late[1500:1505] = True
@@ -180,11 +162,6 @@ class TestMorePieces:
         # 299 messages; 60 in each of five starts are 300.
         assert more_pieces(4, share_decides(0, 240, 0.01, 4, 0.95)) == 1
         assert more_pieces(4, share_decides(2.4, 240, 0.01, 4, 0.95)) is None
-
-    def test_the_hardest_test_counts(self) -> None:
-        few, many = mean_decides(0.9, 1.0, 5, 0.95), mean_decides(0.5, 1.0, 5, 0.95)
-        assert more_pieces(5, few, many) == more_pieces(5, many)
-        assert more_pieces(5, mean_decides(0.0, 1.0, 5, 0.95)) is None
 
 
 class TestMeanInterval:

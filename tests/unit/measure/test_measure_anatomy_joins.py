@@ -12,7 +12,7 @@ import pytest
 
 from plans import process_plan
 from r2bspec.judge.measure.anatomy import Anatomy, anatomy
-from r2bspec.plan.plan import CallPlan, JoinPlan, MonitorPlan, Plan
+from r2bspec.plan.plan import CallPlan, MonitorPlan, Plan
 from r2bspec.record.run_record import AnatomyKind, AnatomyObject, AnatomyProcess, AnatomyRecord
 from r2bspec.record.sample_arrays import ANATOMY_DTYPE
 from simulated_anatomies import CHAIN, CLOCK_NS, plan_of
@@ -279,23 +279,6 @@ def test_a_path_leads_through_a_buffer_within_a_process() -> None:
     assert "not seen" not in " ".join(got)
 
 
-def test_a_player_and_a_monitor_in_the_process_of_the_graph_are_the_ends() -> None:
-    script = Script()
-    script.publish("blur", "/in", 0, "/r2bspec/player", thread=7)
-    script.take("blur", "/in", 20, 0)
-    script.callback("blur", 25, 60)
-    script.publish("blur", "/out", 40)
-    script.take("blur", "/out", 60, 40, "/r2bspec/monitor", thread=8)
-    plan = plan_of(CHAIN)
-    joined = msgspec.structs.replace(
-        process_plan("blur", "host", "blur"),
-        join=JoinPlan(player=True, monitors=("out",)),
-    )
-    plan = msgspec.structs.replace(plan, processes=(joined,))
-    (path,) = script.joined(plan).paths["out"]
-    assert path.hops == ("player", "/in", "blur", "/out")
-
-
 @pytest.mark.parametrize("stamped_us", [None, 4, 15, -(10**8)])
 def test_in_a_live_graph_a_path_begins_with_its_own_source(stamped_us: int | None) -> None:
     script = Script()
@@ -337,18 +320,3 @@ def test_the_input_with_the_same_stamp_is_the_cause_and_not_the_newest() -> None
     got = parts(script.joined())
     assert got["blur callback"] == 3
     assert got["blur held"] == 70 - 28
-
-
-@pytest.mark.parametrize("received", [None, 5, 60, 10**6])
-def test_a_time_of_reception_that_cannot_be_is_not_believed(received: int | None) -> None:
-    script = Script()
-    script.publish("player", "/in", 1000, "/r2bspec/player")
-    source = CLOCK_NS + START_NS + 1001 * US
-    of = ("subscription", "/in", "/r2b/blur")
-    script.add("blur", AnatomyKind.TAKE, 1200, 1202, of, source=source, received=received)
-    script.callback("blur", 1210, 1260)
-    script.publish("blur", "/out", 1240)
-    end(script, 1240)
-    got = parts(script.joined())
-    assert got["/in not seen"] == 1200 - 1001
-    assert script.joined().nodes["blur"].wait.size == 0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
@@ -61,27 +59,6 @@ def test_what_happened_outside_the_window_does_not_count() -> None:
     assert found.throttled_s == pytest.approx(0.5)
     # 1.5 cores in all, of which 0.9 are the run's and 0.1 the controller's.
     assert found.foreign_cores == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize(
-    ("cycles", "frequency_hz"),
-    [
-        # Over the middle second, of which half a second of processor time was at 2 GHz.
-        ((0.0, 1e9, 2e9, 5e9), 2e9),
-        ((math.nan,) * 4, None),
-        # Of versions that did not record it.
-        ((-1.0,) * 4, None),
-    ],
-)
-def test_the_frequency_is_that_of_processor_time(
-    cycles: tuple[float, ...], frequency_hz: float | None
-) -> None:
-    rows = around((0, 0, 0, 0, 0), (1, 0.5, 0, 0, 0), (2, 1, 0, 0, 0), (3, 1.5, 0, 0, 0))
-    rows["cycles"] = cycles
-    window = (EPOCH_NS + S, EPOCH_NS + 2 * S)
-    found = interference(rows, used({0: 0.5}), 1, *window)
-    assert found is not None
-    assert found.frequency_hz == frequency_hz
 
 
 def test_without_samples_nothing_is_known() -> None:

@@ -156,14 +156,6 @@ def test_what_has_no_room_is_counted(tmp_path: Path) -> None:
     assert len(rows) + process.lost == 20_000
 
 
-def test_waits_without_anything_between_them_are_one(tmp_path: Path) -> None:
-    call_ros(tmp_path, "waits", "100000", max_bytes=file_bytes(1000))
-    rows, _, (process,) = AnatomyReader(tmp_path).read()
-    assert process.lost == 0
-    kinds = [AnatomyKind(kind).name for kind in rows["kind"].tolist()]
-    assert kinds == ["WAIT", "PUBLISH", "TRIGGER"] * 2
-
-
 @pytest.mark.parametrize("how", ["linked", "loaded"])
 def test_a_forked_child_writes_nothing(tmp_path: Path, how: Linked) -> None:
     assert call_ros(tmp_path, "fork", how=how).returncode == 0
@@ -215,18 +207,6 @@ def rows_file(folder: Path, *words: str, max_bytes: int = file_bytes(256)) -> Pa
     call_ros(folder, *(words or ("each",)), max_bytes=max_bytes)
     (path,) = folder.glob("*.rows")
     return path
-
-
-def test_processes_are_put_together(tmp_path: Path) -> None:
-    for _ in range(2):
-        call_ros(tmp_path, "each")
-    rows, objects, processes = AnatomyReader(tmp_path).read()
-    assert len(processes) == 2
-    assert [each.process for each in objects] == [0] * len(OBJECTS) + [1] * len(OBJECTS)
-    assert len(rows) == 2 * len(EVENTS)
-    assert (np.diff(rows["began_ns"]) >= 0).all()
-    owners = np.array([-1, *(each.process for each in objects)])[rows["object"]]
-    assert ((owners == rows["process"]) | (owners == -1)).all()
 
 
 def test_events_that_are_not_finished_or_cannot_be_are_left_out(tmp_path: Path) -> None:

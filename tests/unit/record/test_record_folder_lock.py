@@ -65,19 +65,6 @@ def test_a_killed_run_gives_its_folder_up(tmp_path: Path) -> None:
     RunFolder.create(tmp_path / "run").release()
 
 
-def test_a_forked_child_neither_keeps_nor_removes_the_lock(tmp_path: Path) -> None:
-    folder = RunFolder.create(tmp_path / "run")
-    child = os.fork()
-    if child == 0:
-        folder.release()
-        os._exit(0)
-    os.waitpid(child, 0)
-    assert (folder.path / LOCK_FILE).exists()
-    with pytest.raises(FolderTakenError):
-        RunFolder.create(folder.path)
-    folder.release()
-
-
 def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / LOCK_FILE).symlink_to(tmp_path / "elsewhere")
