@@ -195,7 +195,7 @@ def test_a_spec_with_a_gate_gets_a_limit_of_the_work_of_the_baseline(run: Run) -
 def test_a_spec_with_a_gate_gets_a_limit_of_the_latency_where_work_is_unknown(
     tmp_path: Path,
 ) -> None:
-    unread = Simulation(segments=played(), cpu={"player": 0.1}).write(tmp_path / "run")
+    unread = Simulation(segments=played(), cpu={}).write(tmp_path / "run")
     (texts,) = proposed(unread, GATED).added.values()
     assert [text for text in texts if "baseline" in text] == ["latency.p50 <= 110 % of baseline"]
 
