@@ -7,15 +7,13 @@ the benchmark, instead of running, so that a machine without ROS can report what
 measured.
 
 The benchmarks of a host run one at a time, in the order in which they came: a test waits while the
-host runs others. ``--r2bspec-wait DURATION`` fails it after that time, and ``--r2bspec-no-lock``
-measures next to the others.
+host runs others.
 
 Without ``--r2bspec`` the plugin collects nothing and imports nothing.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,13 +28,8 @@ if TYPE_CHECKING:
 _SUFFIX = ".r2b.yaml"
 _FLAGS = {
     "--r2bspec": f"collect *{_SUFFIX} as tests",
-    "--r2bspec-no-lock": "run even while this host runs another benchmark",
 }
 _VALUES = {
-    "--r2bspec-wait": (
-        "DURATION",
-        "how long to wait while this host runs other benchmarks  [default: until they have run]",
-    ),
     "--r2bspec-runs": ("DIR", "judge the run folders DIR/NAME instead of running the benchmarks"),
     "--r2bspec-output": (
         "DIR",
@@ -133,17 +126,7 @@ class _SpecFile(pytest.File):
         output = self.config.getoption("--r2bspec-output")
         folder = _new_folder(Path(output) / api.folder_name(loaded.id)) if output else None
         prepared = api.prepare(self.path, case=loaded.case)
-        return api.run(prepared, folder, wait_s=_wait_s(self.config))
-
-
-def _wait_s(config: pytest.Config) -> float | None:
-    """Return how long to wait while this host runs other benchmarks; None to run next to them."""
-    from r2bspec.language.quantities import Duration
-
-    if config.getoption("--r2bspec-no-lock"):
-        return None
-    wait = config.getoption("--r2bspec-wait")
-    return math.inf if wait is None else Duration.parse(wait).seconds
+        return api.run(prepared, folder)
 
 
 def _stored_folder(folder: Path, name: str) -> Path:

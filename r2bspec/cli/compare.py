@@ -14,7 +14,6 @@ from r2bspec.cli import shared_options
 from r2bspec.cli.run import RunArguments, Runs
 from r2bspec.cli.spec_selection import ALL_CASES, SpecSelection, SuiteEntry
 from r2bspec.errors import ExitStatus
-from r2bspec.language.quantities import Share
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.report.output import echo_document
 from r2bspec.safe_io.safe_file import is_folder, open_regular
@@ -22,19 +21,12 @@ from r2bspec.safe_io.safe_file import is_folder, open_regular
 if TYPE_CHECKING:
     from r2bspec.report.write_reports import ReportRequest
 
-_MARGIN = "5 %"
-
 
 @click.command("compare")
 @click.argument("what", nargs=-1, required=True, metavar="BASE HEAD...")
 @shared_options.against_option
 @click.option("--control", is_flag=True, help="Compare a spec with itself to see the noise.")
 @shared_options.pairs_option
-@click.option(
-    "--margin",
-    type=shared_options.share("0.001 %", "100 %"),
-    help=f"Of finished runs: differences up to this share count as none.  [default: {_MARGIN}]",
-)
 @click.option("--force", is_flag=True, help="Compare even if load, data or machine differ.")
 @shared_options.output_option
 @shared_options.spec_options
@@ -44,7 +36,6 @@ def command(
     what: tuple[str, ...],
     values: SelectionValues,
     reports: tuple[ReportRequest, ...],
-    margin: Share | None,
     **others: Any,
 ) -> int:
     """Compare HEAD with BASE: two specs, or finished runs.
@@ -65,9 +56,7 @@ def command(
         options.refuse("is for specs, which are played", *_FOR_SPECS)
         if any(values.values()):
             raise click.UsageError("--set, --var and --case are for specs")
-        return _compare_finished(what, margin, options)
-    if margin is not None:
-        raise click.UsageError("--margin is for finished runs; a spec has its limits in 'slos'")
+        return _compare_finished(what, options)
     if options.output_format == "markdown":
         raise click.UsageError("the comparison of specs is a report: --report markdown=PATH")
     if options.against and options.control:
@@ -107,15 +96,14 @@ def _beginning(file: Path) -> str:
         return ""
 
 
-def _compare_finished(what: Sequence[str], margin: Share | None, options: RunArguments) -> int:
+def _compare_finished(what: Sequence[str], options: RunArguments) -> int:
     from r2bspec.compare.comparison import compare, read_compared_result
     from r2bspec.report.comparison_document import render
 
     if len(what) < 2:
         raise click.UsageError("compare takes a BASE and at least one HEAD")
     base, *heads = (read_compared_result(Path(path)) for path in what)
-    share = (margin or Share.parse(_MARGIN)).fraction
-    comparisons = [compare(base, head, margin=share, force=options.force) for head in heads]
+    comparisons = [compare(base, head, force=options.force) for head in heads]
     width = shutil.get_terminal_size((100, 24)).columns
     echo_document(render(comparisons, options.output_format, width), nl=False)
     return ExitStatus.OK

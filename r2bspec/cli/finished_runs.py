@@ -186,17 +186,6 @@ def _suggest(folder: Path, selection: SpecSelection, *, write: bool) -> int:
     return ExitStatus.OK
 
 
-def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: bool) -> None:
-    if not list_formats:
-        return
-    from r2bspec.report.format_registry import FORMATS
-
-    width = max(map(len, FORMATS))
-    for name, format_ in FORMATS.items():
-        echo(f"{name:{width}}  {format_.what}")
-    ctx.exit()
-
-
 @click.command("report")
 @click.argument("run", type=click.Path(path_type=Path))
 @options.reports_option
@@ -206,14 +195,6 @@ def _list_formats(ctx: click.Context, _param: click.Parameter, list_formats: boo
     type=options.FILE,
     metavar="SPEC",
     help="The spec of the run, so that annotations can refer to its lines.",
-)
-@click.option(
-    "--formats",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_list_formats,
-    help="List the formats and exit.",
 )
 def report_command(
     run: Path,

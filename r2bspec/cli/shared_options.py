@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from r2bspec.cli.completion import complete_case, complete_report, complete_variable
-from r2bspec.language.quantities import Duration, Quantity, QuantityError, Share
+from r2bspec.language.quantities import Duration, Quantity, QuantityError
 from r2bspec.language.selected_spec import SelectionValues
 from r2bspec.safe_io.limits import MAX_PLANNED_ITERATIONS
 
@@ -116,11 +116,6 @@ def repeatable_option(*names: str, **settings: Any) -> Callable[[Command], Comma
 def duration(lowest: str, highest: str) -> QuantityType:
     """Return the type of an option that takes a duration."""
     return QuantityType(Duration, lowest, highest)
-
-
-def share(lowest: str, highest: str) -> QuantityType:
-    """Return the type of an option that takes a share."""
-    return QuantityType(Share, lowest, highest)
 
 
 wait_option = click.option(
@@ -258,7 +253,7 @@ reports_option = click.option(
     callback=_parse_reports,
     shell_complete=complete_report,
     help="Write a report, such as html=report.html, or markdown=- for standard output; may be "
-    "repeated. 'r2bspec report --formats' lists the formats.",
+    "repeated. 'r2bspec docs reports' lists the formats.",
 )
 
 

@@ -21,20 +21,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 
-from r2bspec.compare.report_input import measure, open_folder, read_result
+from r2bspec.compare.report_input import read_report_input
 from r2bspec.judge.measure.metric import MetricInfo, Scope
 from r2bspec.judge.measure.metric_catalogue import find_metric, monitor_metrics
-from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics, RunMetrics, summarise
-from r2bspec.judge.measure.samples import RunSamples
+from r2bspec.judge.measure.metrics import MonitorMetrics, RateMetrics
 from r2bspec.judge.measure.times import rank
 from r2bspec.judge.measure.units import show
-from r2bspec.judge.methods.peak_bracket import with_refuted_peak
 from r2bspec.judge.result import Result
 from r2bspec.judge.statistics.t_interval import welch_ratio_of_runs
 from r2bspec.language.benchmark_defaults import CONFIDENCE
@@ -45,10 +44,7 @@ from r2bspec.plan.comparability import (
     load_differences,
 )
 from r2bspec.plan.plan import GRAPH_ROLES, Plan
-from r2bspec.record.graph_identity import MACHINE_FACTS, GraphIdentity, identity_differences
-from r2bspec.record.run_folder import Run
-from r2bspec.record.run_record import RunRecord
-from r2bspec.safe_io.safe_file import is_folder
+from r2bspec.record.graph_identity import MACHINE_FACTS, identity_differences
 
 Outcome = Literal["improved", "worse", "same", "can't tell"]
 
@@ -134,67 +130,56 @@ class MetricSeries:
 
 @dataclass(frozen=True)
 class ComparedResult:
-    """A side of a comparison; None is unknown, or, for `run`, no longer there.
+    """A side of a comparison.
 
     Attributes:
-        samples: of `run`.
+        source: its file or folder.
+        plan: of the run; None if only the result is known.
     """
 
-    side: ComparedSource
-    series: dict[SeriesKey, MetricSeries]
+    source: str
+    result: Result
     plan: Plan | None = None
-    plan_hash: str | None = None
-    dataset: str | None = None
-    machine: dict[str, Any] | None = None
-    identity: GraphIdentity | None = None
-    run: Run | None = None
-    samples: RunSamples | None = None
+
+    @property
+    def side(self) -> ComparedSource:
+        """What a comparison says of it."""
+        result = self.result
+        return ComparedSource(
+            source=self.source,
+            name=result.name,
+            run_id=result.run_id,
+            started_at=result.started_at,
+        )
+
+    @property
+    def dataset(self) -> str:
+        """What was played: its digest, or its name; empty if unknown."""
+        return str(self.result.dataset.get("sha256") or self.result.dataset.get("source") or "")
+
+    @cached_property
+    def series(self) -> dict[SeriesKey, MetricSeries]:
+        """Every metric that can be compared."""
+        graph = {each.name for each in self.result.processes if each.role in GRAPH_ROLES}
+        series: dict[SeriesKey, MetricSeries] = {}
+        for rate in self.result.metrics.rates:
+            series |= _of_rate(rate, graph)
+        if (search := self.result.metrics.search) is not None:
+            bracket = search.holds_hz, search.upper_hz
+            series[None, "", "peak.rate"] = MetricSeries(bracket[:1], "Hz", bracket=bracket)
+        return series
 
 
 def read_compared_result(path: Path) -> ComparedResult:
-    """Read a run folder, that of a comparison, or a ``result.json``.
-
-    A comparison is represented by its head.
+    """Read a run folder, that of a comparison, which its head represents, or a ``result.json``.
 
     Raises:
         RecordError: a folder is neither that of a run nor of a comparison.
         UnreadableResultError: a file is none of these.
     """
-    if is_folder(path):
-        # Verdicts are not compared, and take as long as the metrics.
-        run = open_folder(path)
-        samples = measure(run)
-        metrics = summarise(with_refuted_peak(samples))
-        side = _compared(str(path), run.plan.name, run.record, metrics)
-        return replace(side, plan=run.plan, run=run, samples=samples)
-    return compared_result(str(path), read_result(path))
-
-
-def compared_result(source: str, result: Result) -> ComparedResult:
-    """Return a result as a side of a comparison."""
-    return _compared(source, result.name, result, result.metrics)
-
-
-def _compared(
-    source: str, name: str, played: Result | RunRecord, metrics: RunMetrics
-) -> ComparedResult:
-    series: dict[SeriesKey, MetricSeries] = {}
-    graph = {process.name for process in played.processes if process.role in GRAPH_ROLES}
-    for rate in metrics.rates:
-        series |= _of_rate(rate, graph)
-    if (search := metrics.search) is not None:
-        bracket = search.holds_hz, search.upper_hz
-        series[None, "", "peak.rate"] = MetricSeries(bracket[:1], "Hz", bracket=bracket)
-    return ComparedResult(
-        side=ComparedSource(
-            source=source, name=name, run_id=played.run_id, started_at=played.started_at
-        ),
-        series=series,
-        plan_hash=played.plan_hash,
-        dataset=str(played.dataset.get("sha256") or played.dataset.get("source") or "") or None,
-        machine=played.machine,
-        identity=played.identity,
-    )
+    found = read_report_input(path)
+    plan = found.run.plan if found.run is not None else None
+    return ComparedResult(str(path), found.result, plan)
 
 
 _Values = tuple[str, str, str, list[float | None]]
@@ -249,6 +234,9 @@ def _value(seen: MonitorMetrics, info: MetricInfo) -> float | None:
     return seen.value(info)
 
 
+RATIO_MARGIN = 0.05
+"""How far from 1 a ratio may be and still count as the same."""
+
 SHARE_MARGIN = 0.005
 """Half a percent of the messages: the margin of the share that arrived."""
 
@@ -257,15 +245,12 @@ _COMPARED_BY_RATE = frozenset({"play", "play_at_peak", "search", "monitors"})
 """Fields of a load that may differ: only metrics at the same rate and monitor are compared."""
 
 
-def compare(
-    base: ComparedResult, head: ComparedResult, *, margin: float, force: bool
-) -> Comparison:
+def compare(base: ComparedResult, head: ComparedResult, *, force: bool) -> Comparison:
     """Compare one result with the base.
 
     Args:
         base: to compare with.
         head: to be compared.
-        margin: a ratio nearer to 1 than this counts as the same; 0.05 is 5 %.
         force: compare even with differences in load, data or machine.
 
     Raises:
@@ -273,13 +258,13 @@ def compare(
     """
     differences = require_comparable(base, head, force=force)
     lines = tuple(
-        _line(key, before, after, margin)
+        _line(key, before, after)
         for key, before in base.series.items()
         if (after := head.series.get(key)) is not None and (before.values or after.values)
     )
     if not lines:
         raise IncomparableError(
-            f"{base.side.source} and {head.side.source} have no metric at the same rate in common",
+            f"{base.source} and {head.source} have no metric at the same rate in common",
             hint=f"The base was played at {_rates_text(base)}, the head at {_rates_text(head)}.",
         )
     return Comparison(
@@ -302,7 +287,7 @@ def require_comparable(
     differences = tuple(differences_of(base, head))
     if not force and any(_blocking_differences(base, head)):
         raise IncomparableError(
-            f"{base.side.source} and {head.side.source} are not comparable:\n"
+            f"{base.source} and {head.source} are not comparable:\n"
             + "\n".join(f"  {difference}" for difference in differences),
             hint="Use --force to compare them anyway.",
         )
@@ -329,9 +314,9 @@ def differences_of(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
     """Yield the differences of two results in plan, code, data and machine, a line each."""
     if base.plan is not None and head.plan is not None:
         yield from _plan_differences(base.plan, head.plan)
-    elif base.plan_hash != head.plan_hash:
+    elif base.result.plan_hash != head.result.plan_hash:
         yield (
-            f"plan: {base.plan_hash or 'unknown'} -> {head.plan_hash or 'unknown'} "
+            f"plan: {base.result.plan_hash} -> {head.result.plan_hash} "
             "(compare run folders to see the differences)"
         )
     yield from _code_differences(base, head)
@@ -340,9 +325,10 @@ def differences_of(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
 
 
 def _code_differences(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
-    if base.identity is None or head.identity is None:
+    was, now = base.result.identity, head.result.identity
+    if was is None or now is None:
         return
-    changes = identity_differences(base.identity, head.identity)
+    changes = identity_differences(was, now)
     yield from _some([f"code: {change}" for change in changes], "code", "changes")
 
 
@@ -360,7 +346,7 @@ def _data_difference(base: ComparedResult, head: ComparedResult) -> Iterator[str
 
 def _machine_differences(base: ComparedResult, head: ComparedResult) -> Iterator[str]:
     for key in MACHINE_FACTS:
-        before, after = ((side.machine or {}).get(key) or None for side in (base, head))
+        before, after = (side.result.machine.get(key) or None for side in (base, head))
         if before != after:
             yield f"machine, {key}: {before or 'unknown'} -> {after or 'unknown'}"
 
@@ -381,11 +367,11 @@ def _rates_text(side: ComparedResult) -> str:
     return " and ".join(show(rate, "Hz") for rate in rates[:_MAX_DIFFERENCES]) or "no fixed rate"
 
 
-def _line(key: SeriesKey, base: MetricSeries, head: MetricSeries, margin: float) -> ComparisonLine:
+def _line(key: SeriesKey, base: MetricSeries, head: MetricSeries) -> ComparisonLine:
     rate, monitor, metric = key
     info = find_metric(metric)
     drops = info.statistic == "share"
-    margin = SHARE_MARGIN if drops else margin
+    margin = SHARE_MARGIN if drops else RATIO_MARGIN
     # A drop rate is compared by the share that arrived: more is better.
     before, after = (_delivered_share(value) if drops else value for value in (base, head))
     ratio_text = ratio, lower, upper = _ratio(before, after)

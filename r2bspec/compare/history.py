@@ -15,13 +15,7 @@ from typing import Final, Literal
 import msgspec
 import numpy as np
 
-from r2bspec.compare.comparison import (
-    ComparedResult,
-    MetricSeries,
-    SeriesKey,
-    compared_result,
-    mean_value,
-)
+from r2bspec.compare.comparison import ComparedResult, MetricSeries, SeriesKey, mean_value
 from r2bspec.compare.report_input import UnreadableResultError, read_result, require_there
 from r2bspec.judge.measure.metric_catalogue import find_metric
 from r2bspec.judge.result import Result
@@ -197,8 +191,8 @@ def _history(name: str, found: Sequence[tuple[str, Result]]) -> History:
     results = []
     series: list[dict[SeriesKey, MetricSeries]] = []
     for source, result in found:
-        compared = compared_result(source, result)
-        facts = _environment(result, compared)
+        compared = ComparedResult(source, result)
+        facts = _environment(compared)
         if facts not in environments:
             environments.append(facts)
         revision = result.identity.revision if result.identity is not None else None
@@ -224,7 +218,8 @@ def _history(name: str, found: Sequence[tuple[str, Result]]) -> History:
     )
 
 
-def _environment(result: Result, compared: ComparedResult) -> dict[str, str]:
+def _environment(compared: ComparedResult) -> dict[str, str]:
+    result = compared.result
     machine = {name: str(value) for name in MACHINE_FACTS if (value := result.machine.get(name))}
     # The data as a digest of few digits; how it was played changes what is measured, too.
     if result.pairs is None:

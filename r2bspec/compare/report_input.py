@@ -150,29 +150,6 @@ def read_folder(
     )
 
 
-def open_folder(path: Path) -> Run:
-    """Return the run in a folder; for a comparison, the joined runs of the head in valid pairs.
-
-    Raises:
-        RecordError: as `read_folder`.
-    """
-    if comparison_folder.is_comparison(path):
-        pairs = comparison_folder.open_comparison(path)
-        return pairs.merged(pairs.usable_pairs(), "head")
-    return open_run(path)
-
-
-def measure(run: Run) -> RunSamples:
-    """Return the samples of a run, which is not judged.
-
-    Raises:
-        RecordError: a file of it is missing or damaged.
-    """
-    if isinstance(run, comparison_folder.MergedRun):
-        return merged_samples(run, [read_samples(one) for one in run.runs])
-    return read_samples(run)
-
-
 def judge_comparison_folder(
     pairs: comparison_folder.PairedComparison,
     objectives: Mapping[str, Objective] | None = None,

@@ -62,9 +62,6 @@ FORMATS: Final[dict[str, Format]] = {
     "markdown": Format("markdown:render", "Markdown for a comment or a step summary"),
     "github": Format("pipelines:render_github", "annotations on the spec's lines"),
     "junit": Format("pipelines:render_junit", "JUnit XML, a test case for each requirement"),
-    "junit_lenient": Format(
-        "pipelines:render_junit_lenient", "the same, with inconclusive as skipped"
-    ),
     "csv": Format("csv_formats:render_values", "every metric of every iteration, one per line"),
     "samples": Format("csv_formats:render_samples", "every single message as a line of CSV"),
 }

@@ -2,9 +2,8 @@
 
 JUnit XML has a suite for the run, a case for each requirement, and a case for the run itself. A
 failed requirement is a failure and an inconclusive requirement an error, so that neither passes a
-pipeline; in the format ``junit_lenient`` an inconclusive requirement is skipped. A requirement
-whose level is not ``error`` passes with its verdict in the output. A run that is invalid or
-incomplete is an error of the case ``run``.
+pipeline. A requirement whose level is not ``error`` passes with its verdict in the output. A run
+that is invalid or incomplete is an error of the case ``run``.
 
 Workflow commands are what GitHub shows as annotations on the lines of the spec. A failed
 requirement is an error, an inconclusive one a warning; both are placed on the line of the
@@ -37,24 +36,18 @@ if TYPE_CHECKING:
     from junitparser import TestCase, TestSuite
 
 
-def render_junit(report_input: ReportInput, *, lenient: bool = False) -> bytes:
-    """Return the XML.
-
-    Inconclusive requirements are errors or, if `lenient`, skipped cases.
-    """
+def render_junit(report_input: ReportInput) -> bytes:
+    """Return the XML."""
     from junitparser import JUnitXml
 
-    suite = to_suite(report_input, lenient=lenient)
+    suite = to_suite(report_input)
     xml = JUnitXml(suite.name)
     xml.add_testsuite(suite)
     xml.time = suite.time
     return junit_text(xml).encode()
 
 
-render_junit_lenient = partial(render_junit, lenient=True)
-
-
-def to_suite(report_input: ReportInput, *, lenient: bool) -> TestSuite:
+def to_suite(report_input: ReportInput) -> TestSuite:
     """Return the test suite of one run; see `render_junit`."""
     from junitparser import TestSuite
 
@@ -68,7 +61,7 @@ def to_suite(report_input: ReportInput, *, lenient: bool) -> TestSuite:
         suite.add_property("code", printable(code))
     for key, value in result.labels.items():
         suite.add_property(printable(f"label.{key}"), printable(str(value)))
-    case_of = partial(_requirement_case, result=result, lenient=lenient)
+    case_of = partial(_requirement_case, result=result)
     # All at once: each call counts the cases anew.
     suite.add_testcases(
         [
@@ -104,8 +97,8 @@ def _run_case(report_input: ReportInput, name: str) -> TestCase:
     return case
 
 
-def _requirement_case(verdict: RequirementVerdict, result: Result, *, lenient: bool) -> TestCase:
-    from junitparser import Error, Failure, Skipped, TestCase
+def _requirement_case(verdict: RequirementVerdict, result: Result) -> TestCase:
+    from junitparser import Error, Failure, TestCase
 
     title = _title(verdict, result)
     case = TestCase(printable(title), printable(f"{result.name}.{verdict.objective}"))
@@ -119,7 +112,7 @@ def _requirement_case(verdict: RequirementVerdict, result: Result, *, lenient: b
     if verdict.outcome == "pass" or verdict.level != "error" or verdict.left_open:
         case.system_out = f"{wording.verdict_word(verdict)}: {reason}\n{numbers}"
     else:
-        kind = Failure if verdict.outcome == "fail" else Skipped if lenient else Error
+        kind = Failure if verdict.outcome == "fail" else Error
         several = wording.several_monitors(result.verdict)
         line = wording.requirement_headline(verdict, result, name_monitor=several)
         problem = kind(printable_lines(line), verdict.outcome)

@@ -336,7 +336,7 @@ def _junit(summary: SuiteSummary, known_runs: Sequence[SuiteRun], results: Resul
     xml = JUnitXml("r2bspec")
     for run, known in zip(summary.runs, known_runs, strict=True):
         if run.folder in results:
-            suite = to_suite(ReportInput(result=results[run.folder]), lenient=False)
+            suite = to_suite(ReportInput(result=results[run.folder]))
             if run.host or run.name != known.name:
                 suite.name = printable(_called(run))
         else:

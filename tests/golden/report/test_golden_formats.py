@@ -37,7 +37,6 @@ FORMATS = {
     "markdown": "md",
     "github": "txt",
     "junit": "xml",
-    "junit_lenient": "xml",
 }
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -111,26 +109,3 @@ def test_a_run_outside_of_the_queue_is_made_at_once(
     (ticket,) = played
     assert f'"process":{holder.pid}' in ticket
     assert notes.texts == []
-
-
-def test_a_test_of_pytest_is_refused_with_its_option(holder: Member, tmp_path: Path) -> None:
-    (tmp_path / "relay.r2b.yaml").write_text(RELAY.read_text())
-    environment = os.environ | {
-        "PYTHONPATH": str(ROOT),
-        "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
-        "TMPDIR": str(tmp_path),
-    }
-    done = subprocess.run(
-        [
-            *(sys.executable, "-m", "pytest", "-p", "r2bspec.pytest_plugin"),
-            *("--r2bspec", "--r2bspec-wait=0 s", "-k", "not valid"),
-        ],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 1, done.stdout
-    assert f"R2B697: this host is in use by the other one (process {holder.pid})" in done.stdout
-    assert not (tmp_path / "runs").exists()

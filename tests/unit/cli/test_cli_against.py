@@ -29,7 +29,6 @@ from r2bspec.execute.processes.environment import (
         "compare s",
         "compare s t u",
         "compare s t --control",
-        "compare s t --margin 3%",
         "compare s t --format markdown",
         "compare runs/1.json",
         "compare runs/1.json runs/2.json --pairs 3",

@@ -46,7 +46,7 @@ def test_a_folder_in_place_of_one_spec_is_answered_with_its_specs(
         ("/".join(["x"] * 2000), ""),
     ],
 )
-@pytest.mark.parametrize("verb", ["validate", "run", "plan"])
+@pytest.mark.parametrize("verb", ["validate", "run", "plan", "tune", "judge", "trend"])
 def test_a_path_that_leads_to_nothing_is_answered_with_the_path_that_works(
     verb: str,
     written: str,

@@ -69,22 +69,3 @@ def test_what_makes_the_document_unusable_stays_an_error(tmp_path: Path) -> None
     with pytest.raises(InvalidSpecError) as caught:
         prepare(file)
     assert {diagnostic.code for diagnostic in caught.value.diagnostics} == {"R2B109", "R2B043"}
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        *(("judge", "rns/a"), ("report", "rns/a", "--report", "csv=-"), ("trend", "rns/a")),
-        *(("plan", "bench/b.r2b.yml"), ("tune", "bench/b.r2b.yml"), ("validate", "b.r2b.yaml")),
-        ("compare", "bench/b.r2b.yml", "bench/b.r2b.yaml"),
-    ],
-)
-def test_a_path_that_leads_to_nothing_is_answered_with_the_one_that_is_meant(
-    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "runs/a").mkdir(parents=True)
-    (tmp_path / "bench").mkdir()
-    (tmp_path / "bench/b.r2b.yaml").write_text(example())
-    meant = "runs/a" if "rns/a" in words else "bench/b.r2b.yaml"
-    assert f"did you mean '{meant}'?" in " ".join(call(*words).err.split()) + call(*words).out

@@ -13,7 +13,6 @@ from r2bspec.compare.report_input import ReportInput
 from r2bspec.judge.judge_run import result_of
 from r2bspec.judge.measure.anatomy_summary import AnatomySummary
 from r2bspec.report.format_registry import renderer
-from report_runs import HOSTILE
 from simulated_anatomies import CHAIN, FORK, Graph, ObservedSimulation, Stage
 
 
@@ -84,20 +83,6 @@ def test_the_reason_is_said_for_which_no_path_is_known(fork: ReportInput) -> Non
         assert "200 of 200 messages of out have no" in text
         assert reason in text
         assert "in one iteration;" in text
-
-
-@pytest.mark.parametrize("form", ["text", "markdown", "html", "github"])
-def test_names_of_others_are_no_markup(tmp_path: Path, form: str) -> None:
-    graph = replace(
-        CHAIN,
-        stages=(Stage(HOSTILE, ("/in",), f"/x{HOSTILE}"), Stage("b", (f"/x{HOSTILE}",), "/out")),
-        steps=50,
-    )
-    found = shown(reported(tmp_path / "run", graph), form)
-    assert "<script>alert" not in found or form == "text"
-    assert not any(line.startswith("::error") for line in found.splitlines())
-    if form == "html":
-        Page(found.encode())
 
 
 def test_what_is_missing_is_said(tmp_path: Path) -> None:

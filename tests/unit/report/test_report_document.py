@@ -90,16 +90,6 @@ def with_work(result: Result, work_s: float) -> Result:
     )
 
 
-def test_the_work_of_a_process_is_in_its_row_in_every_report(passing: ReportInput) -> None:
-    result = with_work(passing.result, 0.0123)
-    for name in ("text", "markdown", "html"):
-        text = renderer(name)(replace(passing, result=result)).decode()
-        assert "12.3 ms" in text, name
-    assert 'data-path="metrics/rates/0/pooled/values/work.apriltag/p50"' in text
-    values = renderer("csv")(replace(passing, result=result)).decode()
-    assert "work.apriltag.p90,s,0.0123" in values
-
-
 @pytest.mark.parametrize(
     # Two cores and outputs after 29.9 ms (p90): 59.8 ms, and a tenth of the period of 33 ms.
     ("work_s", "is_said"),

@@ -15,7 +15,6 @@ from jsonschema import Draft202012Validator
 
 from r2bspec.compare.report_input import ReportInput, SamplesMissingError
 from r2bspec.judge.judge_run import from_json, result_of, to_json
-from r2bspec.record.run_folder import Run
 from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.result_json import result_schema
 from report_runs import SIMULATIONS
@@ -143,13 +142,3 @@ def test_a_result_is_valid_by_the_schema_and_is_always_the_same(
     assert from_json(content) == result
     assert run is not None
     assert to_json(result_of(run)) == content
-
-
-def test_the_label_of_a_monitor_in_the_plan_is_in_the_result(usual_run: Run) -> None:
-    (monitor,) = usual_run.plan.monitors
-    labelled = msgspec.structs.replace(monitor, label="Tag detections")
-    plan = msgspec.structs.replace(usual_run.plan, monitors=(labelled,))
-    result = result_of(replace(usual_run, plan=plan))
-    assert result_of(usual_run).monitor_labels == {}
-    assert result.monitor_labels == {monitor.name: "Tag detections"}
-    assert result.monitor_title("other") == "other"

@@ -57,23 +57,6 @@ def test_at_most_five_the_most_important_first(tmp_path: Path) -> None:
     assert found[4] == "Planned part 0 was not played."
 
 
-def test_how_outputs_answer_inputs_comes_before_what_a_requirement_rests_on(
-    tmp_path: Path,
-) -> None:
-    result = noted(tmp_path / "run")
-    changed = msgspec.structs.replace
-    first = result.metrics.rates[0]
-    monitors = {
-        name: changed(seen, fitting_match="its node has an output for every 7 inputs")
-        for name, seen in first.pooled.monitors.items()
-    }
-    rate = changed(first, pooled=changed(first.pooled, monitors=monitors))
-    metrics = changed(result.metrics, rates=(rate, *result.metrics.rates[1:]))
-    found = notes(changed(result, metrics=metrics))
-    assert found[0].startswith("No more messages on /r2b/out")
-    assert "an output for every 7 inputs" in found[1]
-
-
 def test_verbose_has_all_of_them(tmp_path: Path) -> None:
     result = noted(tmp_path / "run")
     short, whole = notes(result), notes(result, verbose=True)

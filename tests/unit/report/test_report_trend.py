@@ -165,11 +165,6 @@ def test_json_has_every_value_and_change(slower: Path) -> None:
     assert p50["changes"][0]["confidence"] > 0.999
 
 
-def test_a_history_has_no_report_of_a_single_run(call: Call, slower: Path, tmp_path: Path) -> None:
-    said = call("trend", slower, "--report", f"junit={tmp_path}/a.xml", status=2)
-    assert "text, json, markdown, html, csv" in said.err
-
-
 def test_the_script_of_pipelines_keeps_results_and_page_in_a_branch(
     tmp_path: Path, result: Result
 ) -> None:
