@@ -373,8 +373,11 @@ def run_pairs(
         RecordError: the folder cannot be created.
     """
     from r2bspec.compare.base_reference import parse_base_reference
-    from r2bspec.compare.comparison_time import estimate_comparison
-    from r2bspec.compare.interleaved_comparison import ComparisonSide, prepare_comparison
+    from r2bspec.compare.interleaved_comparison import (
+        ComparisonSide,
+        estimate_comparison,
+        prepare_comparison,
+    )
     from r2bspec.compare.interleaved_runs import compare
     from r2bspec.execute.processes.environment import applied_environment, workspace_environments
     from r2bspec.execute.states import Progress

@@ -6,10 +6,10 @@ grow with the number of files.
 
 from __future__ import annotations
 
-import contextlib
 import gc
 import glob
 import os
+import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -23,6 +23,7 @@ from r2bspec.diagnostics.quote import pluralize
 from r2bspec.diagnostics.waivers import may_contain_waiver
 from r2bspec.errors import R2bspecError, UsageError
 from r2bspec.language.selected_spec import SelectionValues
+from r2bspec.record.files import write_atomically
 from r2bspec.report.output import echo
 from r2bspec.safe_io import safe_file
 from r2bspec.safe_io.file_search import files_below, matching_files, path_hint
@@ -260,7 +261,7 @@ def read_text(file: str) -> str | None:
 
 
 def write_text(file: str, text: str) -> None:
-    """Replace or create a file atomically; a link, the mode and the owner are kept.
+    """Replace or create a file atomically; a link and the mode are kept.
 
     Raises:
         UsageError: it cannot be written, or is a link to a file in another folder, which may be
@@ -274,25 +275,13 @@ def write_text(file: str, text: str) -> None:
                 f"{file} is a link to {path}, in another folder, and is not written",
                 hint="Name the file itself.",
             )
-    # Not with the name of the file, which may be as long as a name can be.
-    temporary = path.with_name(f".r2bspec-{os.urandom(4).hex()}.tmp")
     try:
-        # A new file has what the umask leaves of 0666, as the temporary one has.
-        before = path.stat() if path.exists() else None
-        with temporary.open("xb") as stream:
-            stream.write(text.encode("utf-8"))
-            stream.flush()
-            os.fsync(stream.fileno())
-        if before is not None:
-            with contextlib.suppress(PermissionError):  # root may, as with sudo
-                os.chown(temporary, before.st_uid, before.st_gid)
-            temporary.chmod(before.st_mode & 0o7777)
-        temporary.replace(path)
-    except OSError as error:
+        mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else None
+        write_atomically(path, text.encode())
+        if mode is not None:
+            path.chmod(mode)
+    except (R2bspecError, OSError) as error:
         raise UsageError(
-            f"{file} cannot be written: {error.strerror or error}",
+            f"{file} cannot be written: {getattr(error, 'strerror', None) or error}",
             hint="See that you may write to it and its folder, or use --diff.",
         ) from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)

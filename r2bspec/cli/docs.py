@@ -131,7 +131,7 @@ def _definition(name: str) -> Iterator[str]:
 _SCHEMAS = {
     "spec": "r2bspec.language.json_schema:published_schema_text",
     "plan": "r2bspec.plan.canonical_json:plan_schema_text",
-    "result": "r2bspec.report.result_json:result_schema_text",
+    "result": "r2bspec.report.data_formats:result_schema_text",
 }
 """Each schema and the function that generates it; printing one imports no other."""
 

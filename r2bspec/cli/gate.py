@@ -146,7 +146,7 @@ class GatedRuns(Runs[GatedEntry]):
 
     def estimate(self, entry: GatedEntry) -> TimeEstimate:
         """Return how long the pairs take, or the head alone."""
-        from r2bspec.compare.comparison_time import estimate_comparison
+        from r2bspec.compare.interleaved_comparison import estimate_comparison
         from r2bspec.plan.time_estimate import estimate_time
 
         assert entry.compared is not None  # noqa: S101 - `check` comes first

@@ -19,6 +19,7 @@ from r2bspec.judge.ratio_of_starts import can_be_played_by_turns, turn_kind
 from r2bspec.plan import comparability
 from r2bspec.plan.comparability import IncomparableError
 from r2bspec.plan.plan import Plan
+from r2bspec.plan.time_estimate import TimeEstimate, estimate_pairs, estimate_turns
 from r2bspec.record.comparison_folder import Side
 from r2bspec.record.graph_identity import GraphIdentity
 from r2bspec.record.run_record import TurnKind
@@ -212,3 +213,21 @@ def _check_environment_inherited(head: ComparisonSide, environment: Mapping[str,
             f"no process of a run inherits {', '.join(sorted(environment))}",
             hint="List the variables that nodes need under 'environment' in the spec.",
         )
+
+
+STEPS: Final = 40
+"""Of each side, for each rate, in each start that is played by turns."""
+
+
+def estimate_comparison(head: Plan, pairs: int | None = None) -> TimeEstimate:
+    """Return the time that a comparison with a plan of the same kind will take.
+
+    Args:
+        head: with all iterations.
+        pairs: the most pairs of runs, or starts of both sides; the usual number if None.
+    """
+    if why_not_by_turns(head, head):
+        return estimate_pairs(head, pairs)
+    steps = STEPS * len(turns_of(head))
+    starts = pairs or STARTS_OF_BOTH
+    return estimate_turns(head, starts, steps, base_alone=needs_base_alone(head))

@@ -26,7 +26,7 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from r2bspec.compare.interleaved_comparison import ComparisonSide
+from r2bspec.compare.interleaved_comparison import STEPS, ComparisonSide
 from r2bspec.execute.controller import RunOptions, run_plan
 from r2bspec.execute.errors import RunError
 from r2bspec.execute.measurement.turns import Partner, PartnerLeftError
@@ -38,9 +38,6 @@ from r2bspec.record.comparison_folder import Side
 from r2bspec.record.run_folder import RunFolder
 from r2bspec.record.run_record import TurnKind
 from r2bspec.safe_io.private_files import private_files
-
-STEPS: Final = 40
-"""Of each side, for each rate, in each start."""
 
 LONGEST_TURN_S: Final = 2.0
 """Where a step takes longer, the sides are not played by turns."""

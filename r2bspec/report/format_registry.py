@@ -56,14 +56,14 @@ class Format:
 
 
 FORMATS: Final[dict[str, Format]] = {
-    "json": Format("result_json:render", "the content of result.json"),
+    "json": Format("data_formats:render_json", "the content of result.json"),
     "text": Format("terminal:render", "the terminal report, without colours"),
     "html": Format("html.page:render", "one self-contained page with charts", ("jinja2",)),
     "markdown": Format("markdown:render", "Markdown for a comment or a step summary"),
     "github": Format("pipelines:render_github", "annotations on the spec's lines"),
     "junit": Format("pipelines:render_junit", "JUnit XML, a test case for each requirement"),
-    "csv": Format("csv_formats:render_values", "every metric of every iteration, one per line"),
-    "samples": Format("csv_formats:render_samples", "every single message as a line of CSV"),
+    "csv": Format("data_formats:render_values", "every metric of every iteration, one per line"),
+    "samples": Format("data_formats:render_samples", "every single message as a line of CSV"),
 }
 """The formats of a run."""
 

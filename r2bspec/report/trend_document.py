@@ -15,7 +15,7 @@ from r2bspec.diagnostics.plain_text import harmless, plain_values
 from r2bspec.diagnostics.quote import pluralize
 from r2bspec.judge.measure.units import at_rate, show
 from r2bspec.judge.statistics.change_points import MIN_RESULTS
-from r2bspec.report.csv_formats import csv_text
+from r2bspec.report.data_formats import csv_text
 from r2bspec.report.document import (
     Cell,
     Chart,

@@ -13,7 +13,7 @@ from nightly import only_nightly
 
 pytest.importorskip("rclpy")
 
-from r2bspec.compare.side_process import STEPS
+from r2bspec.compare.interleaved_comparison import STEPS
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.record.comparison_folder import PairedComparison, Side, open_comparison
 from r2bspec.record.run_record import Segment, TurnKind

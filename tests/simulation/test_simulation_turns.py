@@ -17,8 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 from nightly import noise, size
-from r2bspec.compare.interleaved_comparison import STARTS_OF_BOTH
-from r2bspec.compare.side_process import STEPS
+from r2bspec.compare.interleaved_comparison import STARTS_OF_BOTH, STEPS
 from r2bspec.judge.measure.metric_catalogue import Subjects, resolve
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.ratio_of_starts import trimmed_interval, turn_values

@@ -15,7 +15,7 @@ from r2bspec.judge.measure import metric_catalogue
 from r2bspec.language import json_schema
 from r2bspec.language.templates import SUFFIX, filled, templates
 from r2bspec.plan import canonical_json
-from r2bspec.report import result_json
+from r2bspec.report import data_formats
 
 ROOT = Path(__file__).parents[2]
 TEMPLATES = ROOT / "specs" / "templates"
@@ -27,7 +27,7 @@ def generated_files() -> dict[Path, str]:
     files = {
         schemas / json_schema.FILE_NAME: json_schema.published_schema_text(),
         schemas / canonical_json.SCHEMA_FILE_NAME: canonical_json.plan_schema_text(),
-        schemas / result_json.FILE_NAME: result_json.result_schema_text(),
+        schemas / data_formats.RESULT_SCHEMA: data_formats.result_schema_text(),
         docs / "language.md": with_tables(_text(docs / "language.md")),
         docs / "metrics.md": metric_catalogue.markdown_page(),
         docs / "running.md": _with_exit_statuses(_text(docs / "running.md")),

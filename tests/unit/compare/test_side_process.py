@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from r2bspec.compare.side_process import STEPS, BothSides
+from r2bspec.compare.interleaved_comparison import STEPS
+from r2bspec.compare.side_process import BothSides
 from r2bspec.ipc.schedule import Turns
 from r2bspec.record.run_record import TurnKind
 

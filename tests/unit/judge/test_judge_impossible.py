@@ -23,7 +23,7 @@ from r2bspec.judge.verdict import RequirementVerdict, Verdict
 from r2bspec.plan.plan import Plan
 from r2bspec.record.run_folder import Run, RunFolder, open_run
 from r2bspec.record.sample_arrays import Rows
-from r2bspec.report.csv_formats import expected_answers
+from r2bspec.report.data_formats import expected_answers
 from r2bspec.report.format_registry import FORMATS, renderer
 from r2bspec.report.notes import notes
 from run_simulation import Played, Simulation, objective

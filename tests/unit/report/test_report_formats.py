@@ -15,8 +15,8 @@ from jsonschema import Draft202012Validator
 
 from r2bspec.compare.report_input import ReportInput, SamplesMissingError
 from r2bspec.judge.judge_run import from_json, result_of, to_json
+from r2bspec.report.data_formats import result_schema
 from r2bspec.report.format_registry import FORMATS, renderer
-from r2bspec.report.result_json import result_schema
 from report_runs import SIMULATIONS
 
 # Every format: made from every kind of run, the same bytes each time, read by its readers.

@@ -1,6 +1,7 @@
-"""CSV: every value of a result, or every expected output of every segment of a run.
+"""Formats for programs: ``result.json``, and CSV of its values or of single messages.
 
-Times are nanoseconds of the monotonic clock. A message that never arrived has no `received_ns`.
+In CSV times are nanoseconds of the monotonic clock, and a message that never arrived has no
+`received_ns`.
 """
 
 from __future__ import annotations
@@ -9,9 +10,13 @@ import csv
 import io
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, Final
 
 from r2bspec.compare.report_input import ReportInput
+from r2bspec.judge.judge_run import to_json
 from r2bspec.judge.measure.run_samples import match_segment
+from r2bspec.judge.result import Result
+from r2bspec.plan.canonical_json import document_schema, schema_text
 from r2bspec.plan.plan import MonitorPlan
 from r2bspec.record.run_folder import Run
 from r2bspec.record.run_record import Segment
@@ -21,6 +26,24 @@ _SAMPLES_HEADER = (
     *("segment", "kind", "offered_hz", "iteration", "monitor", "step"),
     *("published_ns", "received_ns", "latency_ns"),
 )
+
+
+RESULT_SCHEMA: Final = "r2bspec-result-v1.schema.json"
+
+
+def render_json(report_input: ReportInput) -> bytes:
+    """Return the result, valid by its JSON Schema."""
+    return to_json(report_input.result)
+
+
+def result_schema() -> dict[str, Any]:
+    """Return the JSON Schema of results, generated from the types that write them."""
+    return document_schema(Result, RESULT_SCHEMA, "A result of r2bspec, version 1")
+
+
+def result_schema_text() -> str:
+    """Return the schema of results as a file."""
+    return schema_text(result_schema())
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
