@@ -176,7 +176,8 @@ def test_what_was_observed_from_inside_is_compared(tmp_path: Path) -> None:
             return {"relay.callback": distribution(seconds), "relay.load": distribution(seconds)}
 
         def with_observed(one: SegmentMetrics) -> SegmentMetrics:
-            return msgspec.structs.replace(one, anatomy=observed(one.index or 0))
+            values = {**one.values, **observed(one.index or 0)}
+            return msgspec.structs.replace(one, values=values)
 
         result = result_of(run)
         (rate,) = result.metrics.rates
