@@ -220,7 +220,7 @@ def run(
             words before the command of a process, in which ``$(profile)`` is its file.
         wait_s: how long to wait while this host runs other benchmarks, which is then noted; None
             to run next to them.
-        identity: of the graph, if it is known already.
+        identity: the identity of the graph, if it is known already.
         gate: what reports say of a merge gate, one sentence each.
 
     Raises:
@@ -254,7 +254,7 @@ def queued_host(
     """Wait for the runs that came before, then hold this host for the block.
 
     Args:
-        name: of the benchmark, for those who wait.
+        name: the name of the benchmark, for those who wait.
         seconds: how long it will take.
         wait_s: as for `run`.
         progress: is notified while others are waited for.

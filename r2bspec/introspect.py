@@ -193,7 +193,7 @@ def _standalone(wired: NodeWiring) -> tuple[str, ...]:
 
 
 def _interface_entry(found: dict[str, Any], node: NodeWiring, base_dir: Path) -> dict[str, Any]:
-    """The entry of a node in the file, without the defaults of parameters that the spec sets."""
+    """Return the entry of a node, without the defaults of parameters that the spec sets."""
     origin = RecordOrigin(
         target=node_target(node.node),
         sha256=files_digest(node.node, base_dir),

@@ -68,7 +68,7 @@ def input_keys(
 
     Args:
         inputs: the recorded topic of each input.
-        times: of the inputs whose messages were read.
+        times: the times of the inputs whose messages were read.
         lead: the input that makes the steps.
     """
     keys: dict[str, dict[str, Any]] = {topic: {} for topic in inputs}

@@ -94,7 +94,7 @@ def add_launch_nodes(
     """Add the nodes of a launch file, which is executed if it is in Python.
 
     Returns:
-        What the spec says in another way than the file.
+        Notes on what the spec says otherwise than the file.
 
     Raises:
         UsageError: the file ends with an exception, or has no such launch argument.

@@ -72,8 +72,8 @@ def find_parts(
     """Return the parts of a recording with a gap; None without a gap.
 
     Args:
-        index: of the recording.
-        times: of the topics that are looked at, as far as they are in the window.
+        index: the index of the recording.
+        times: the times of the topics that are looked at, as far as they are in the window.
         window: only what lies in it; None for everything.
     """
     messages = sorted(

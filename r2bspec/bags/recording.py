@@ -273,7 +273,7 @@ class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
         window: part of the sequence that was rendered.
         storage: storage format.
         start_ns: start of the sequence, ns since the epoch: the origin of windows.
-        topics: that were rendered.
+        topics: the topics that were rendered.
         content_sha256: as `ContentHash` computes it for all topics.
         file_bytes: size of each other file in the folder, for a fast check for damage.
     """

@@ -160,7 +160,7 @@ class Context:
         loaded: the document.
         spec: its typed value.
         offline: whether to skip recorded data.
-        files: of its document.
+        files: the files of its document.
     """
 
     def __init__(

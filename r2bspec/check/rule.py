@@ -211,7 +211,7 @@ def with_record(
     It is a warning if one of them was recorded with another version of the package.
 
     Args:
-        context: of the spec.
+        context: the context of the spec.
         finding: what a rule found.
         rests_on: the nodes whose interfaces it follows from, each with the source of the part.
     """
@@ -317,7 +317,7 @@ def failure_to_diagnostics(
     """Return the diagnostic of a failed run, at the node or container that it blames, if any.
 
     Args:
-        message: of the failure, without the output of a process.
+        message: the message of the failure, without the output of a process.
         code: likewise.
         hint: what to do about it.
         blamed: a process of the plan, or the full name of a node.

@@ -20,7 +20,7 @@ Complete = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]
 
 
 def _proposals(values: Callable[[click.Context], Iterable[str]]) -> Complete:
-    """A function for ``shell_complete`` that proposes the values with the typed beginning."""
+    """Return a function for ``shell_complete`` that proposes values by their beginning."""
 
     @functools.wraps(values)
     def complete(

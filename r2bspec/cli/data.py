@@ -239,7 +239,7 @@ def _origin(location: BagLocation) -> str:
 
 @contextmanager
 def _progress_bar(title: str) -> Iterator[Progress | None]:
-    """A bar on stderr if it is a terminal, else None."""
+    """Yield a progress bar on stderr if it is a terminal, else None."""
     if not sys.stderr.isatty() or os.environ.get("CI", "").lower() == "true":
         yield None
         return

@@ -223,7 +223,7 @@ def reported_failures(options: RunArguments, folder: Path | None, spec: Path) ->
 
     Args:
         options: with the reports.
-        folder: of the run; None before it is known.
+        folder: the folder of the run; None before it is known.
         spec: as the user named it.
     """
     try:

@@ -93,7 +93,7 @@ class SuiteEntry:
         suffix: added to the name of the benchmark, such as ``[rate=5 Hz]`` of a scan.
         prepared: None if the spec has errors; the first of them is `error` then.
         host: of a fleet, if the run is made on that host; empty if any may make it, and here.
-        folder: of the run.
+        folder: the folder of the run.
         run: its row in the summary, once it has ended or is skipped.
     """
 

@@ -104,7 +104,7 @@ def queued_host(
     """Hold this host for the block; show the place in its queue until then.
 
     Args:
-        name: of the benchmark, for those who wait.
+        name: the name of the benchmark, for those who wait.
         seconds: how long it will take.
         wait_s: how long to wait for others; None to run next to them.
         quiet: show nothing.

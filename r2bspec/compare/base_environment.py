@@ -139,7 +139,7 @@ def _mapped(entry: str, tree: BaseTree) -> Iterator[str]:
 
 
 def _is_tool(path: Path) -> bool:
-    """Whether a path is of the virtual environment, or of r2bspec, which may lie in that tree."""
+    """Return True if a path belongs to the virtual environment or to r2bspec itself."""
     package = Path(__file__).resolve().parents[1]
     # The folder of the package is in a search path where r2bspec is installed as editable.
     in_tools = _is_in_any(path, (Path(sys.prefix), Path(sys.prefix).resolve(), package))
@@ -169,7 +169,7 @@ def _head_overlays(tree: BaseTree) -> list[Path]:
 
 
 def _installed_from(tree: BaseTree) -> Iterator[tuple[str, Mapping[str, object]]]:
-    """The distributions installed from the head's tree, with their direct_url.json (PEP 610)."""
+    """Return the distributions installed from the head's tree, by direct_url.json (PEP 610)."""
     for distribution in importlib.metadata.distributions():
         text = distribution.read_text("direct_url.json")
         if not text:
@@ -190,7 +190,7 @@ def _is_editable(url: Mapping[str, object]) -> bool:
 
 
 def _editable_folders(tree: BaseTree) -> Iterator[str]:
-    """The folders of the base in which packages are that are installed as editable in the head.
+    """Return the folders in the base of packages that are editable in the head.
 
     An installer writes a ``.pth`` file with the folder, or a module that maps packages to their
     folders. Modules on PYTHONPATH are found before both.

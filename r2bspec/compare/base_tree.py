@@ -62,7 +62,7 @@ class BaseTree:
     Attributes:
         top: the folder with the copy.
         head_top: the top of the work tree of the head, which has the same layout.
-        name: of the base, as reports show it: ``origin/main@9b1e44f``.
+        name: the name of the base, as reports show it: ``origin/main@9b1e44f``.
         revision: what it is a state of.
         files: the object of each file and link, by its path below the top, as git lists them.
         submodules: the commit of each, by its path; they are not in the copy.

@@ -77,7 +77,7 @@ class GateChange(NamedTuple):
 
     Attributes:
         name: what ``--allow`` takes.
-        path: of the value in the head's document; the value may be gone.
+        path: the path of the value in the head's document; the value may be gone.
         before: the value of the base as text; empty if it has none.
         after: the value of the head as text; empty if it has none.
         span: the place in the head, if it is not at `path`.
@@ -169,7 +169,7 @@ def require_objectives(objectives: Mapping[str, Objective], file: str) -> None:
 
     Args:
         objectives: the active ones.
-        file: of the spec, for the message.
+        file: the file of the spec, for the message.
 
     Raises:
         MissingObjectivesError: none of them has the level ``error`` and a requirement.

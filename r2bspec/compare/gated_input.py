@@ -49,8 +49,8 @@ def share_recordings(tree: BaseTree, spec: Spec, base_dir: Path, *, take: bool) 
     """Let the base play recordings that only the head has.
 
     Args:
-        tree: of the base.
-        spec: of the base, with the recordings of the head.
+        tree: the tree of the base.
+        spec: the spec of the base, with the recordings of the head.
         base_dir: its folder, in that tree.
         take: replace also those that the base has.
 
@@ -76,7 +76,7 @@ def _brought_by_the_change(tree: BaseTree, below: Path) -> tuple[str, str] | Non
     """Return what the base and the head have, if git knows a recording that the base lacks.
 
     Args:
-        tree: of the base.
+        tree: the tree of the base.
         below: the path of the recording in the work tree of the head.
     """
     places = [below]
@@ -105,7 +105,7 @@ class Recordings(NamedTuple):
 
     Attributes:
         changes: those of which other messages are loaded.
-        digests: of their files. Whatever a run reads must be one of them.
+        digests: the digests of their files. Whatever a run reads must be one of them.
     """
 
     changes: list[GateChange]

@@ -59,7 +59,7 @@ class GatedSpecs:
     """The specs under the gated paths.
 
     Attributes:
-        specs: of the head, sorted by path.
+        specs: the specs of the head, sorted by path.
         gone: specs and cases of the base that the head lacks.
         notes: what is not gated, a sentence each.
     """
@@ -73,7 +73,7 @@ def select_specs(tree: BaseTree, paths: Sequence[str]) -> GatedSpecs:
     """Return the specs under some paths.
 
     Args:
-        tree: of the base.
+        tree: the tree of the base.
         paths: files and folders of the head's work tree.
 
     Raises:
@@ -187,7 +187,7 @@ def _obstacle(top: Path, path: str, *, parents: bool = False) -> str:
     """Return why a path is no regular file of the work tree; empty if it is.
 
     Args:
-        top: of the work tree.
+        top: the top of the work tree.
         path: below it.
         parents: look only at the folders above it.
     """

@@ -35,8 +35,8 @@ class ComparisonSide:
         spec_text: the resolved spec.
         environment: the variables of its runs that differ from this process; see
             `environment.applied_environment`.
-        identity: of its graph; each run looks it up itself if None.
-        top: of the work tree of `identity`.
+        identity: the identity of its graph; each run looks it up itself if None.
+        top: the top of the work tree of `identity`.
     """
 
     plan: Plan

@@ -300,7 +300,7 @@ class _Pairs(Experiment[Pair]):
         if self._both is None or not self._play_both(self._both, unit):
             self._play_in_turn(unit)
         if unit.why_again and (unusable := self._pairs[-1].unusable):
-            self._note(f"pair {unit.number} again cannot be judged: {unusable}")
+            self._note(f"pair {unit.number}, played again, cannot be judged: {unusable}")
 
     def _play_in_turn(self, unit: Pair) -> None:
         """Play one side, then the other one."""

@@ -71,7 +71,7 @@ class GateSides:
         head: with its objectives; without a base, only with those that need none.
         base: None if the head alone is judged.
         sentences: what every report says of the gate.
-        check: of each run; None without a base.
+        check: the check of each run; None without a base.
     """
 
     head: ComparisonSide
@@ -103,7 +103,7 @@ class MergeGate:
         tree: the files of the base.
         allow: names of what may differ, and ``base`` and ``input``.
         prepare: checks and compiles a document.
-        names: that `allow` may have, of all specs that have been compared.
+        names: the names that `allow` may have, of all specs that have been compared.
     """
 
     tree: BaseTree
@@ -133,7 +133,7 @@ class MergeGate:
 
         Args:
             spec: with its place in the base.
-            selection: of the head, with its case.
+            selection: the selection of the head, with its case.
             head: as prepared from it.
 
         Raises:
@@ -317,7 +317,7 @@ class RunCheck:
     same input, unless they are played the same buffers, as they are by turns.
 
     Attributes:
-        tree: of the base.
+        tree: the tree of the base.
         recordings: the digests of those that were compared.
         is_prepared: whether there are preprocessors.
         may_differ: whether the pipeline allows another input.

@@ -126,7 +126,7 @@ def propose_objectives(loaded: LoadedSpec, text: str, result: Result, judge: Jud
     Args:
         loaded: the spec.
         text: its text.
-        result: of the run.
+        result: the result of the run.
         judge: judges the run by other objectives.
     """
     proposal = Proposal(text)

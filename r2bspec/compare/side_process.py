@@ -118,7 +118,7 @@ class BothSides:
     """The processes of both sides.
 
     Attributes:
-        seed: of the coin that decides each pair of steps.
+        seed: the seed of the coin that decides each pair of steps.
         turns: what is played by turns at each rate.
         alone: the sides that are also played alone in each start, at each rate.
         cores: those on which work is measured, one in each start.
@@ -142,7 +142,7 @@ class BothSides:
         """Play a start of both sides.
 
         Args:
-            starts: of either side.
+            starts: the starts of either side.
             check: is called several times a second, and raises an error to end the start.
 
         Returns:
@@ -272,10 +272,10 @@ def both_sides(
     """Start a process for each side, and end both after the block.
 
     Args:
-        sides: of the comparison.
+        sides: the sides of the comparison.
         buffers: a folder that does not exist yet; has the messages that both sides play.
         buffers_of: the side whose recording and preprocessors make them.
-        seed: of the coins.
+        seed: the seed of the coins.
         turns: see `BothSides`, and likewise for `alone`.
         alone: sides.
     """

@@ -124,7 +124,7 @@ class Wave(msgspec.Struct, frozen=True):
 
 
 class Motion(msgspec.Struct, frozen=True):
-    """The path of the body through the world: metres and radians about the rest at the origin."""
+    """The path of the body through the world, in metres and radians; it rests at the origin."""
 
     x: Wave
     y: Wave

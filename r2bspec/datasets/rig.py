@@ -23,7 +23,7 @@ class Camera(msgspec.Struct, frozen=True):
 
     Attributes:
         frame_id: its optical frame.
-        encoding: of its images.
+        encoding: the encoding of its images.
         focal_px: the same in x and y.
         center_px: principal point (cx, cy).
         position_m: of its optical centre in the body frame.

@@ -113,7 +113,7 @@ def plain_values(value: T) -> T:
 
 @cache
 def _text_fields(kind: type[msgspec.Struct]) -> tuple[str, ...]:
-    """The fields that are more than a number: a result has thousands of structs of numbers."""
+    """Return the fields that can contain text: most structs of a result have only numbers."""
     numbers = (bool, int, float, bool | None, int | None, float | None)
     return tuple(field.name for field in msgspec.structs.fields(kind) if field.type not in numbers)
 

@@ -168,7 +168,7 @@ def _waivers(line: str, offset: int, whole: Span, target_line: int) -> Iterator[
 
 
 def _target_lines(lines: list[str]) -> list[int]:
-    """For each line number, the line to which a comment on a line of its own applies.
+    """Return for each line number the line to which a comment there applies.
 
     That is the first line below that has more than a comment, or the last line of the text.
     """

@@ -78,7 +78,7 @@ class AnatomyObservation:
     """The processes of one start, observed from inside.
 
     Args:
-        plan: of the run.
+        plan: the plan of the run.
         start: its number.
         folder: below it the processes write what they do.
 

@@ -209,7 +209,7 @@ def _build_timeline(
 
 
 def _unless_all_zero(offsets: list[list[int]]) -> tuple[tuple[int, ...], ...]:
-    """For each step and input, the stamp of a message minus that of the step; empty if all 0."""
+    """Return the stamp of each message minus that of its step; empty if all are 0."""
     return tuple(map(tuple, offsets)) if any(map(any, offsets)) else ()
 
 
@@ -235,7 +235,7 @@ def _steps(found: list[_TimedMessage]) -> tuple[dict[_StepKey, int], dict[_StepK
 
 
 def _unique_stamps(keys: Iterable[_StepKey]) -> dict[_StepKey, int]:
-    """The stamps, with repeated ones increased by nanoseconds: outputs are identified by them."""
+    """Return the stamps, made unique by adding nanoseconds, because they identify outputs."""
     stamps: dict[_StepKey, int] = {}
     last_ns: int | None = None
     for key in sorted(keys):
@@ -578,7 +578,7 @@ def place_between(
 def _between_steps(
     times_ns: Sequence[int], steps_ns: Sequence[int]
 ) -> Iterator[tuple[int, float, int]]:
-    """For each time in a round: the step before it, its share of the interval, and its position."""
+    """Return for each time of a round its step, its share of the interval, and its position."""
     by_time = sorted(range(len(times_ns)), key=lambda position: times_ns[position])
     ordered = [times_ns[position] for position in by_time]
     for step, from_ns, to_ns in step_intervals(steps_ns):

@@ -136,7 +136,7 @@ def run_plan(
 
 @contextlib.contextmanager
 def _scratch_folder(parent: Path) -> Iterator[Path]:
-    """A folder that is removed with all that nodes have left in it."""
+    """Yield a folder, which is removed with all that nodes have left in it."""
     scratch = Path(tempfile.mkdtemp(prefix=".scratch-", dir=parent))
     try:
         yield scratch

@@ -327,7 +327,7 @@ def preprocess(plan: Plan, context: RunContext, launcher: Launcher) -> None:
 def _expected_subscriptions_by_host(
     nodes: Iterable[tuple[ManagedProcess, ProcessPlan]], launcher: Launcher, recorded: Iterable[str]
 ) -> dict[ManagedProcess, dict[str, int]]:
-    """For each host, how many subscriptions of preprocessors and loader its topics must match.
+    """Return how many subscriptions the topics of each host must match.
 
     The loader counts its own endpoints only. Messages that the first preprocessor of a chain
     publishes before the second one is matched would be lost.

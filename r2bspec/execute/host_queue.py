@@ -55,7 +55,7 @@ class Holder(msgspec.Struct, frozen=True):
     """What a ticket says of the run that holds it.
 
     Attributes:
-        name: of the benchmark.
+        name: the name of the benchmark.
         process: its id.
         seconds: how long it will take; None if that is not known.
         began_s: when it has got the host, on the monotonic clock; None while it waits.
@@ -125,7 +125,7 @@ def host_to_itself(
     benchmark beside another is better than none.
 
     Args:
-        name: of the benchmark, for those who wait.
+        name: the name of the benchmark, for those who wait.
         seconds: how long it will take; None if that is not known.
         wait_s: for the others; 0 does not wait.
         on_wait: is called several times a second while others are waited for.

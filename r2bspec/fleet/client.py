@@ -71,7 +71,7 @@ def place(plan: Plan, wanted: Sequence[str], hosts: Iterable[Host]) -> list[Plac
     """Return the runs of a plan: a single run, or a run for each host.
 
     Args:
-        plan: of the benchmark.
+        plan: the plan of the benchmark.
         wanted: ``any`` for a run on any host that fits, ``all`` for one on each of them, or the
             names of hosts.
         hosts: those in the fleet.
@@ -119,8 +119,8 @@ class _Task:
     """A run that is under way.
 
     Attributes:
-        future: of Dask; None while no host that fits is in the fleet.
-        addresses: of the workers that may make it.
+        future: the future of Dask; None while no host that fits is in the fleet.
+        addresses: the addresses of the workers that may make it.
         since: since when none of them is in the fleet; 0 while there is one.
     """
 

@@ -34,7 +34,7 @@ class Job(NamedTuple):
     """A run, or a comparison in pairs, which stays on its host.
 
     Attributes:
-        archive: of the files that it needs.
+        archive: the archive of the files that it needs.
         verb: ``run``, or ``compare``.
         plan: the path of its plan in the archive.
         base: that of the base of a comparison, if that is another plan.
@@ -52,9 +52,9 @@ class Played(NamedTuple):
     """A run that has ended.
 
     Attributes:
-        status: of the process.
+        status: the status of the process.
         log: what it wrote, or the end of it.
-        archive: of its run folder; empty if there is none.
+        archive: the archive of its run folder; empty if there is none.
     """
 
     host: str

@@ -106,7 +106,7 @@ class _Exchange:
         """Create the client.
 
         Args:
-            node: of the player.
+            node: the node of the player.
             kind: the class of the service.
             service: its full name.
             on_answer: gets what the request was sent with, the time of reception on the system
@@ -199,7 +199,7 @@ def _requests(plan: CallPlan, buffer_dir: Path, service: Any, make: Callable[[],
     """Return the requests or the goals of a call, in turn.
 
     Args:
-        plan: of the call.
+        plan: the plan of the call.
         buffer_dir: has the recorded requests.
         service: the class of the service that takes them.
         make: makes one with the defaults of its type.

@@ -1,6 +1,6 @@
 """The node host: creates the Python nodes of one process and spins them.
 
-A node is any rclpy `Node` class, or a function that returns one or is a program. It receives its
+A node is an rclpy `Node` class, a function that returns a node, or a `main()`. It receives its
 namespace, name, remappings and parameter overrides as described in `r2bspec.harness.node_main`, and
 does not depend on r2bspec.
 
@@ -177,7 +177,7 @@ class NodeHost:
         self._executor.shutdown()
 
     def _matches(self) -> protocol.Matched:
-        """What the endpoints of each topic are matched with: the minimum over those of one side."""
+        """Return the number of matched endpoints of each topic: the minimum over one side."""
         subscriptions: dict[str, int] = {}
         publishers: dict[str, int] = {}
         for _, node in self._nodes:

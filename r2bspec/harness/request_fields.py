@@ -24,7 +24,7 @@ class FieldMistake(NamedTuple):
     """A field that does not fit.
 
     Attributes:
-        path: of the field in the request: names, and places in lists.
+        path: the path of the field in the request: names, and places in lists.
         is_name: whether the name of the field is wrong, rather than its value.
         message: what is wrong, without the path.
         help: what would fit; may be empty.
@@ -60,7 +60,7 @@ def field_mistakes(
         values: the fields that a spec gives.
         fields: all fields of the type.
         fields_of: finds the types of fields that are messages.
-        path: of the values in the whole request.
+        path: the path of the values in the whole request.
     """
     for name, value in values.items():
         here = (*path, name)

@@ -104,7 +104,7 @@ def divide_by_role(recorded: RecordedFile, namespace: str) -> ScriptGraph:
 
     Args:
         recorded: all actions of the script.
-        namespace: of the benchmark, absolute.
+        namespace: the namespace of the benchmark, absolute.
     """
     graph = ScriptGraph()
     others: list[Member] = []

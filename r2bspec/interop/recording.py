@@ -168,7 +168,7 @@ class RecordedFile(msgspec.Struct):
         shares: the share or source folders of packages that were looked up and exist.
         config: of a script, its configuration by key.
         steps: of a script, what it does around the launch.
-        clients: of services and actions that a script makes.
+        clients: the clients of services and actions that a script makes.
     """
 
     nodes: list[NodeAction] = []

@@ -71,7 +71,7 @@ class ImportedSpec:
     """The result of an import.
 
     Attributes:
-        name: of the benchmark.
+        name: the name of the benchmark.
         text: the spec.
         findings: what was not imported, or in another way.
         sources: the texts that findings point into, by file.

@@ -193,7 +193,7 @@ class SpecValues:
         recorded: what the file does.
         spec_folder: the folder of the spec.
         script: the file that was executed.
-        namespace: of the benchmark, absolute.
+        namespace: the namespace of the benchmark, absolute.
         variables: name to value, in the order of first use.
         environment: environment variables that are read.
         notes: what the spec lacks, or says in another way.

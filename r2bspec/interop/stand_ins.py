@@ -349,7 +349,7 @@ class _Module(types.ModuleType):
 
 
 def _names_without_source(tree: ast.Module) -> list[str]:
-    """The names of classes that a file uses and does not define: what ``import *`` may give it."""
+    """Return the classes that a file uses and does not define: ``import *`` may give them."""
     nodes = list(ast.walk(tree))
     used = {node.id for node in nodes if isinstance(node, ast.Name) and node.id[:1].isupper()}
     defined = {node.name for node in nodes if isinstance(node, ast.ClassDef)}
@@ -376,7 +376,7 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
     @staticmethod
     def _own(name: str) -> Path | None:
-        """The file of a module of the project: beside a file, or in a package of ROS above it."""
+        """Return the file of a module of the project: beside a file, or in a package above it."""
         parts = name.split(".")
         for folder in RECORDING.folders:
             for above in (folder, folder / parts[0]):

@@ -36,7 +36,7 @@ def step_times_ns(arrivals: Arrivals, rate_hz: float, steps: int, name: str) -> 
         arrivals: their kind and seed.
         rate_hz: the mean rate.
         steps: how many.
-        name: of the segment, which has times of its own.
+        name: the name of the segment, which has times of its own.
     """
     random = np.random.default_rng([arrivals.seed, *name.encode()])
     share = 0.0 if arrivals.share is None else arrivals.share.fraction

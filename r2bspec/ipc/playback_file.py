@@ -123,7 +123,7 @@ class Round:
             yield rows
 
     def _bounds(self, steps: int, first: int) -> tuple[int, int]:
-        """The first entry of a playback and the one after its last, in rounds without an end."""
+        """Return the first entry of a playback and the entry after its last."""
         raise NotImplementedError
 
     def _set_times(
@@ -223,7 +223,7 @@ class _Buffers:
         self._found: dict[int, tuple[tuple[int, ...], list[int]]] = {}
 
     def find(self, source: int, position: int) -> tuple[int, int, list[tuple[int, int]]]:
-        """The offset and the size of a message, and its stamps: the place and what is in it now."""
+        """Return the offset and size of a message, and the position and value of its stamps."""
         if source not in self._found:
             sizes = buffers.read_index(self._folder, self._topics[source]).sizes
             self._found[source] = sizes, np.cumsum([0, *sizes]).tolist()
@@ -279,7 +279,7 @@ def read_round(
     """Return a round of the data that the player gets for a schedule.
 
     Args:
-        schedule: of the player.
+        schedule: the schedule of the player.
         sources: the topics of the buffers, in the order of the inputs of the plan.
         stamped: for each of them, whether its messages get the stamp of the step in their headers.
         folder: has the buffers, also that of /tf if the schedule plays it.
@@ -371,7 +371,7 @@ def write_playback(
     """Write the file of a playback.
 
     Args:
-        path: of the new file.
+        path: the path of the new file.
         made: one round of the schedule.
         rate_hz: steps per second; without effect on a recording, which has its own times.
         steps: how many.

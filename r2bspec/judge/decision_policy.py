@@ -118,8 +118,8 @@ class DecisionPolicy:
     """Everything that a verdict depends on besides objectives and samples.
 
     Attributes:
-        confidence: of every decision, one-sided each way, where the objective has none of its
-            own.
+        confidence: the confidence of every decision, one-sided each way, where the objective has
+            none of its own.
         looks: the planned interim looks; None for a run of a fixed length.
         early: whether that run is the beginning of a longer one, as at a look at pairs.
         inconclusive: what an inconclusive requirement does to the run.
@@ -142,8 +142,8 @@ def decision_policy(plan: Plan, gate: GatePlan | None = None) -> DecisionPolicy:
 
     Args:
         plan: as it was played.
-        gate: of another spec by which it is judged; that of the plan if None. Its time budget
-            changes nothing, because nothing is played any more.
+        gate: the gate of another spec by which it is judged; that of the plan if None. Its time
+            budget changes nothing, because nothing is played any more.
     """
     gate = gate or plan.gate
     return DecisionPolicy(

@@ -283,7 +283,7 @@ def judge_final(
 
     Args:
         estimate: from all samples, after the graph has drained.
-        criterion: of a sustained rate.
+        criterion: the criterion of a sustained rate.
         look: the last one.
         decided: the judgement of the look that ended the probe early, None if none did; it stays,
             and only its reason is worked out.
@@ -408,7 +408,7 @@ def _min_drop_share(estimate: ProbeEstimate, offered_hz: float, error: float) ->
 
 
 def _max_drop_share(dropped: NDArray[np.bool_], error: float) -> float:
-    """The upper bound of the share dropped: by batch means, and at least by Clopper-Pearson."""
+    """Return the larger upper bound of the lost share: of batch means or Clopper-Pearson."""
     if not dropped.size:
         return 1.0
     exact = upper_bound(int(np.count_nonzero(dropped)), int(dropped.size), 1 - error)

@@ -32,7 +32,7 @@ class RequirementCase:
         monitor: the monitor, for metrics that belong to one.
         limit: the right-hand side in the metric's unit; 'of offered' is worked out.
         iterations: the complete iterations at `at_hz`; at least one where the metric needs any.
-        confidence: of the decision, one-sided each way.
+        confidence: the confidence of the decision, one-sided each way.
     """
 
     objective: str

@@ -182,7 +182,7 @@ def estimate_capacity(
 
     Args:
         plays: the departures of each.
-        confidence: of the interval; each bound is wrong in half of the rest.
+        confidence: the confidence of the interval; each bound is wrong in half of the rest.
         stages: how many queues there may be in a row.
         harder: plays with more overload, which show how much slower the graph is with more.
 
@@ -255,7 +255,7 @@ def _at_capacity(gentle: _OverloadPace, hard: _OverloadPace | None) -> float:
 
 
 def _approach(plays: Sequence[CompletionTimes], stages: int) -> float:
-    """By how much queues in a row are still below their capacity, as a fraction of it."""
+    """Return how far queues in a row still are below their capacity, as a fraction of it."""
     if stages < 2:
         return 0.0
     largest = 2 * math.sqrt(stages) - 1.77 / math.pow(stages, 1 / 6)

@@ -102,7 +102,7 @@ def decided_in_bursts(over: int, n: int, allowed: float, confidence: float, *, b
         over: bad messages.
         n: all messages.
         allowed: the share that is tested.
-        confidence: of the bound.
+        confidence: the confidence of the bound.
         below: whether the share is to be shown to be at most that, and not to be more.
     """
     counts = over / _BURSTS_EFFECT, n / _BURSTS_EFFECT, confidence
@@ -113,7 +113,7 @@ def other_starts(number: int, room: float, verdict: RequirementVerdict) -> str:
     """Return that another kind of start would change a verdict; empty if there is room for it.
 
     Args:
-        number: of starts.
+        number: the number of starts.
         room: the largest share of another kind.
         verdict: a PASS or a FAIL.
     """
@@ -167,7 +167,7 @@ def room_of_mean(bound: float, limit: float, *, below: bool) -> float:
     """Return the distance of a mean from its limit.
 
     Args:
-        bound: of the starts that were met, on the side of the limit.
+        bound: the bound of the starts that were met, on the side of the limit.
         limit: in the same unit.
         below: whether the mean is below the limit.
     """

@@ -72,8 +72,8 @@ class Key(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     Attributes:
         examples: values as they are written, the most typical first.
         description: in place of the docstring.
-        minimum: of a number.
-        maximum: of a number.
+        minimum: the minimum of a number.
+        maximum: the maximum of a number.
         positive: whether a quantity must be more than zero.
         not_empty: whether a text must have a character.
         as_text: whether a number or a truth value stands for its text, as it is written.
@@ -160,14 +160,14 @@ class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
         about: what its declaration says besides the type; `examples` are never empty but for Any.
         kinds: the types of JSON that it may have, in the order in which editors offer them; empty
             for any.
-        pattern: of a text.
+        pattern: the pattern of a text.
         words: which a text can only be; or can also be, if it is a quantity.
         const: the only value.
         quantity: the class that parses the text.
-        items: of a list.
-        keys: of a map with known keys.
-        names: of the keys of a map of named entries.
-        values: of its entries.
+        items: the items of a list.
+        keys: the keys of a map with known keys.
+        names: the names of the keys of a map of named entries.
+        values: the values of its entries.
         record: the class of a map with known keys.
         make: what a list becomes, `tuple` or `list`.
         default: the value without the key; UNSET if it is required, or no key at all.
@@ -391,7 +391,7 @@ def _rule_of_union(members: Sequence[Any]) -> ValueRule:
 
 
 def _joined(rules: Sequence[ValueRule], about: Key | None = None) -> ValueRule:
-    """One rule for several forms, which have different types of JSON."""
+    """Return one rule for several forms, which have different types of JSON."""
     joined = ValueRule()
     for rule in rules:
         joined.kinds = tuple(dict.fromkeys((*joined.kinds, *rule.kinds)))
@@ -453,7 +453,7 @@ def _snippets() -> Mapping[str, Sequence[Mapping[str, Any]]]:
 
 @cache
 def _texts(record: type[Record]) -> Mapping[str, str]:
-    """The descriptions of the fields of a record by name, and of the record itself under ''."""
+    """Return the descriptions of a record's fields by name, and of the record under ''."""
     # Not for those who only load a spec: it takes as long to import as all of the language.
     import inspect
 

@@ -84,7 +84,7 @@ def _unknown_key(
     """Return the diagnostic of an unknown key, and the key that was intended.
 
     Args:
-        violation: of the map.
+        violation: the violation of the schema, at the map.
         owner: the map.
         key: the unknown key.
         meant: what it certainly means; empty if that is not known.

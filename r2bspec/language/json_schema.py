@@ -58,7 +58,7 @@ def resolved_schema(rule: ValueRule, *, live: bool, calls: bool) -> Schema:
     """Return the schema of a value in a resolved document.
 
     Args:
-        rule: of the value.
+        rule: the rule of the value.
         live: whether the document plays nothing, so that less is required.
         calls: whether it calls services, likewise.
     """

@@ -119,7 +119,7 @@ def replace_at(
 
     Args:
         root: the tree.
-        path: of the value.
+        path: the path of the value.
         value: the new one.
         made_at: a place for each key of the path: maps and keys that are missing are made there.
     """

@@ -21,8 +21,8 @@ class NodeKind(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         keys: the keys that together say that a node is of this kind. Kinds that share their first
             key exclude each other by the others.
-        role: of the process that it runs in, ``host`` for Python nodes, ``container`` for C++
-            components, ``command`` for a process that the node makes itself; None if r2bspec
+        role: the role of the process that it runs in, ``host`` for Python nodes, ``container`` for
+            C++ components, ``command`` for a process that the node makes itself; None if r2bspec
             starts nothing.
         refuses: keys that mean nothing for it, and why.
         by_others: whether its nodes are made by something other than r2bspec: they cannot be

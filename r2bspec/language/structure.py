@@ -52,9 +52,9 @@ class Violation(msgspec.Struct, frozen=True):
     """A place in the document, and how it violates its rule.
 
     Attributes:
-        path: of the value, or of the map whose key is wrong, as messages show it.
+        path: the path of the value, or of the map whose key is wrong, as messages show it.
         inner: the same below `root`.
-        keyword: of the schema; ``propertyNames`` for a key of a wrong form.
+        keyword: the keyword of the schema; ``propertyNames`` for a key of a wrong form.
         node: the value.
         limit: the value of the keyword: for ``required`` the keys that the map must have.
         key: the key of a wrong form.
@@ -121,7 +121,7 @@ def read_value(
 
     Args:
         root: the tree.
-        rule: of its value; by default that of a document.
+        rule: the rule of its value; by default that of a document.
         sources: the texts that its places point into.
         path: what messages call the value.
     """

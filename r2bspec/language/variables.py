@@ -288,7 +288,7 @@ def missing_step(
 
     Args:
         root: the document.
-        path: of a value to set.
+        path: the path of a value to set.
         sets_map: whether that value is a map.
 
     Returns:
@@ -313,7 +313,7 @@ def _can_add(node: TreeNode | None, path: Path, *, sets_map: bool) -> bool:
 
     Args:
         node: the parent; None if the document lacks it, too.
-        path: of the value.
+        path: the path of the value.
         sets_map: whether the value is a map.
     """
     # A key without a value, as in ``benchmark:``, is as good as a map.

@@ -34,7 +34,7 @@ def spec_cases(path: Path, text: str, unsaved: Mapping[Path, str]) -> list[dict[
     of the name in the spec, from 0.
 
     Args:
-        path: of the file, absolute.
+        path: the path of the file, absolute.
         text: of the document, saved or not.
         unsaved: the texts of open files, which take the place of what is on disk.
     """

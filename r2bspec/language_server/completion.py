@@ -66,9 +66,10 @@ def complete(
     """Return the completions at a position.
 
     Args:
-        analysis: of the latest version that could be parsed; it may be older than the text.
-        positions: of the text.
-        position: of the cursor.
+        analysis: the analysis of the latest version that could be parsed; it may be older than the
+            text.
+        positions: the positions of the text.
+        position: the position of the cursor.
         snippets: whether the editor understands placeholders.
     """
     offset = positions.offset(position)

@@ -101,7 +101,7 @@ def references(analysis: Analysis | None, kind: str) -> Iterator[CompletionPropo
     """Yield the variables, and the names of the environment that the spec lists.
 
     Args:
-        analysis: of the spec.
+        analysis: the analysis of the spec.
         kind: ``var`` or ``env``, where that is written already; empty for both.
     """
     if analysis is None:

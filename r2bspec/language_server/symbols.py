@@ -45,7 +45,7 @@ class Occurrence:
     """A place of a symbol.
 
     Attributes:
-        span: of the name alone.
+        span: the span of the name alone.
         text: the name as it is written there; of a topic it may be relative.
         is_definition: whether the spec defines the symbol here.
         namespace: to which a relative topic is relative.
@@ -290,7 +290,7 @@ def _check_topic(analysis: Analysis, symbol: Symbol) -> None:
 
 
 def _as_written(place: Occurrence, full: str) -> str:
-    """The new name in the form of the old one: absolute, or relative to the same namespace."""
+    """Return the new name in the form of the old: absolute, or relative to its namespace."""
     inside = f"{place.namespace.rstrip('/')}/"
     if not place.text.startswith("/") and full.startswith(inside):
         return full.removeprefix(inside)

@@ -51,8 +51,8 @@ def discovery_settings(
     """Return the settings that keep processes from discovering each other, as a sentence.
 
     Args:
-        environ: of r2bspec.
-        transport: of the run; all but `inherit` have a configuration of their own.
+        environ: the environment of r2bspec.
+        transport: the transport of the run; all but `inherit` have a configuration of their own.
         named: the variables that the spec passes on.
         of_processes: those that it sets for single processes.
 
@@ -154,7 +154,7 @@ class Middleware:
         return 0
 
     def required_shm_bytes(self, processes: int, segment_bytes: int) -> int:
-        """Return the shared memory of processes at their start, each with such a segment."""
+        """Return the bytes of shared memory that the processes need to start."""
         return processes * segment_bytes
 
     def may_be_endpoint_of(self, gid: bytes, pids: Collection[int]) -> bool:

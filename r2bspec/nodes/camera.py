@@ -106,7 +106,7 @@ def rectified(info: CameraInfo, width: int, height: int) -> None:
 
     Args:
         info: the camera.
-        width: of the image as it was sent, pixels.
+        width: the width of the image as it was sent, pixels.
         height: the same.
 
     Raises:
@@ -181,7 +181,7 @@ def _maps(
     projection: tuple[float, ...],
     size: tuple[int, int],
 ) -> tuple[Any, Any]:
-    """For each pixel of the rectified image, where it is in the image of the camera.
+    """Return for each pixel of the rectified image its place in the image of the camera.
 
     In fixed point (CV_16SC2), which is twice as fast to read as floats and exact to 1/32 pixel.
     """

@@ -174,8 +174,8 @@ def resize(image: Image, width: int, height: int, interpolation: int) -> array[i
 
     Args:
         image: the message.
-        width: of the result, pixels.
-        height: of the result, pixels.
+        width: the width of the result, pixels.
+        height: the height of the result, pixels.
         interpolation: 0 nearest, 1 linear, 2 cubic, 3 area, 4 Lanczos over 8x8 pixels.
 
     Returns:

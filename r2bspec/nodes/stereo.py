@@ -51,7 +51,7 @@ def disparity(
     """Return the disparity of each pixel of the left image.
 
     Args:
-        matcher: of `make_matcher`.
+        matcher: the result of `make_matcher`.
         left: gray, shape (height, width).
         right: the same.
         offset_px: the left principal point minus the right one, in columns: a point at infinity
@@ -113,7 +113,7 @@ def points(
 
     Args:
         disparity: pixels, shape (height, width).
-        projection: of the left camera, shape (3, 4).
+        projection: the projection of the left camera, shape (3, 4).
         focal_px: of the disparities.
         baseline_m: distance of the cameras.
         min_disparity_px: what is smaller is no disparity.

@@ -156,8 +156,8 @@ def document_schema(
 
     Args:
         kind: the type of the document.
-        file_name: of the schema.
-        title: of the schema.
+        file_name: the file name of the schema.
+        title: the title of the schema.
         schema_hook: as for `msgspec.json.schema_components`.
     """
     (reference,), components = msgspec.json.schema_components(

@@ -107,7 +107,7 @@ def _group(sketch: _FigureBuilder, phase: str) -> Group:
 
 
 def _harness_boxes(sketch: _FigureBuilder, phase: str, seen: set[str]) -> list[FigureBox]:
-    """The boxes of the harness: one for each role and monitor, even if they share a process."""
+    """Return the boxes of the harness, one for each role and monitor."""
     plan = sketch.plan
     if phase == "preprocess":
         names = ["loader"] if "loader" in seen else []

@@ -97,9 +97,9 @@ class InterimLooks:
 
     Attributes:
         declared: the declared number of iterations: before it, a run ends only with a decision.
-        after_starts: whether each comes after a start.
-        shares: of the error, for the looks at a comparison, of which those after a failure confirm
-            it in the same list; empty for a run.
+        after_starts: whether the looks come after starts.
+        shares: for a comparison, the part of the error that each look may use; the looks after a
+            FAIL confirm it. Empty for a run.
     """
 
     iterations: tuple[int, ...]

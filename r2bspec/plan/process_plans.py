@@ -175,7 +175,7 @@ def _container(
 
 
 def _shared(wiring: Wiring, nodes: list[NodeWiring]) -> Iterator[ProcessPlan]:
-    """One process for all Python nodes, and one for all C++ components."""
+    """Return one process for all Python nodes, and one for all C++ components."""
     argv = container_argv(SHARED_CONTAINER_NAME, Container(), wiring.namespace)
     components = [node for node in nodes if node.role == "container"]
     if components:
@@ -291,7 +291,7 @@ def find_places(
     Args:
         spec: with ``placement: graph``.
         wiring: which node reads and publishes which topic.
-        processes: of the graph.
+        processes: the processes of the graph.
     """
     owners = {node.node: process.name for process in processes for node in process.nodes}
     phase = wiring.measure

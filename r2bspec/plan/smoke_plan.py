@@ -54,6 +54,6 @@ def is_smoke_plan(plan: Plan) -> bool:
 
 
 def _lowest_of_search(plan: Plan) -> PlayPlan:
-    """An iteration at the lowest rate of the search, or at the lowest one to be sustained."""
+    """Return an iteration at the lowest rate of the search or of `sustained`."""
     rates = [*plan.sustained_hz, *((plan.search.min_hz,) if plan.search is not None else ())]
     return PlayPlan(rate_hz=min(rates, default=0.0), duration_ns=_ITERATION_NS, iterations=1)

@@ -191,7 +191,7 @@ def module_file(name: str) -> Path | None:
 
 
 def _unseen_folders() -> list[str]:
-    """The folders of PYTHONPATH, where this interpreter ignores it (``-I``): processes do not."""
+    """Return the folders of PYTHONPATH if this interpreter ignores it (``-I``)."""
     if not sys.flags.ignore_environment:
         return []
     entries = (os.environ.get("PYTHONPATH") or "").split(os.pathsep)

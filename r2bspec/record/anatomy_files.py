@@ -59,7 +59,7 @@ class AnatomyReader:
     Processes and objects keep their numbers from one reading to the next, whatever is added.
 
     Args:
-        folder: of their files; others are passed over.
+        folder: the folder of their files; others are passed over.
 
     Attributes:
         unread: files that were not read, because there are too many.
@@ -126,7 +126,7 @@ class _EventFile:
     """The file of one process, and which of its slabs were passed.
 
     Attributes:
-        rows: that were read last, whether they are events or not.
+        rows: the rows that were read last, whether they are events or not.
     """
 
     def __init__(self, path: Path) -> None:

@@ -60,7 +60,7 @@ class NodeIdentity(msgspec.Struct, frozen=True, kw_only=True):
         files: its launch files, parameter files, what its command names, and what its process
             has loaded and is not installed, sorted by path.
         package: the ROS package that it is from.
-        version: of the package.
+        version: the version of the package.
         unknown: why it is not known, or not completely.
     """
 
@@ -80,7 +80,7 @@ class GraphIdentity(msgspec.Struct, frozen=True, kw_only=True):
         nodes: by their keys in the spec; those of a preprocessor begin with ``preprocess.``, those
             of a command with ``setup `` or ``step ``.
         packages: versions of what is installed and loaded, by distribution, and of the container.
-        revision: of the work tree that holds the spec; None outside of a repository.
+        revision: the revision of the work tree that holds the spec; None outside of a repository.
     """
 
     digest: str

@@ -145,8 +145,8 @@ def read_rows(path: Path, dtype: np.dtype[np.void], sha256: str = "") -> Rows:
     """Read rows of type `dtype` from an ``.npy`` file; pickles are not allowed.
 
     Args:
-        path: of the file.
-        dtype: of a row.
+        path: the path of the file.
+        dtype: the dtype of a row.
         sha256: of its content; empty if that is not known.
 
     Raises:

@@ -34,8 +34,8 @@ def render(comparisons: Sequence[Comparison], name: str, width: int = 100) -> by
 
     Args:
         comparisons: one for each result that was compared with the base; at least one.
-        name: of the format, as `r2bspec compare --format` lists them.
-        width: of lines of text, in columns.
+        name: the name of the format, as `r2bspec compare --format` lists them.
+        width: the width of lines of text, in columns.
     """
     if name == "json":
         return msgspec.json.format(msgspec.json.encode(list(comparisons)), indent=2) + b"\n"

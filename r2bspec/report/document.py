@@ -78,7 +78,7 @@ class Row:
     Attributes:
         cells: one for each column.
         details: sentences about the row.
-        outcome: of what it is about, which colours its first cell; empty for none.
+        outcome: colours the first cell of the row; empty for none.
         quiet: whether it only adds to the row above.
     """
 
@@ -141,7 +141,7 @@ class Chart:
         name: unique in the page.
         title: the heading of the figure.
         svg: the drawing itself.
-        description: of the content, in words.
+        description: the description of the content, in words.
         note: what is omitted, or how to read it; may be empty.
         wide: whether it scrolls where the window is narrower.
     """
@@ -187,7 +187,7 @@ class Document:
         outcome: which colours `word`.
         lead: sentences below the first line, the most important first.
         title: what people call the benchmark; empty for none.
-        facts: of machine, data and code, in few words each.
+        facts: the facts of machine, data and code, in few words each.
         back: a link to the page of the suite.
         footer: the last line of a page.
     """

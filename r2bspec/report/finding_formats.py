@@ -118,7 +118,7 @@ _LEVELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: 
 
 
 def _sarif(diagnostics: Sequence[Diagnostic], _files: Iterable[str]) -> str:
-    """One SARIF log with one run."""
+    """Return one SARIF log with one run."""
     codes = sorted({finding.code for finding in diagnostics})
     log = {
         "$schema": SCHEMA,

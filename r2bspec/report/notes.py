@@ -246,7 +246,7 @@ def unplayed_notes(result: Result) -> Iterator[str]:
 
 
 def _is_feedback(name: str, measured: Container[str]) -> bool:
-    """Whether a monitor has the feedback of an action, which tells of each goal several times."""
+    """Return True if a monitor has the feedback of an action."""
     action = name.removesuffix(FEEDBACK)
     return action != name and action in measured and f"{action}{ACCEPTED}" in measured
 

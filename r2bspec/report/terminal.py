@@ -110,7 +110,7 @@ def to_text(
     Args:
         document: what to show.
         end: see `show_document`.
-        width: of the text, in columns.
+        width: the width of the text, in columns.
         whole_tables: tables that are wider are not cut.
     """
     return printed_text(

@@ -49,7 +49,7 @@ def render(name: str, histories: Sequence[History], left_out: Sequence[str]) -> 
     """Return histories in one of the `TREND_FORMATS`.
 
     Args:
-        name: of the format.
+        name: the name of the format.
         histories: at least one.
         left_out: a sentence for each file that is in none.
 

@@ -180,7 +180,7 @@ def write_folder_reports(
 
     Args:
         requests: what to write.
-        folder: of the run.
+        folder: the folder of the run.
         spec_file: whose objectives were judged.
         verbose: with every reason and every note.
         suite_page: the page of the suite of the run, to which its HTML links.

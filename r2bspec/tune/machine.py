@@ -293,7 +293,7 @@ def _furthest_miss(verdict: Verdict, plan: Plan) -> tuple[float, str]:
 
 
 def _excess(one: RequirementVerdict, requirement: Requirement) -> float:
-    """By how much a requirement is missed; see `Start`."""
+    """Return by how much a requirement is missed; see `Start`."""
     if one.lost:
         return MAX_EXCESS
     if one.estimate is None or one.limit is None or requirement.op in {None, "==", "!="}:

@@ -39,9 +39,9 @@ def write_overlay(
 
     Args:
         file: to write, in the folder of the spec.
-        selection: of the spec.
+        selection: the selection of the spec.
         changes: values by path.
-        plan: of the spec with these changes.
+        plan: the plan of the spec with these changes.
         about: what is said in its first line.
 
     Raises:

@@ -47,7 +47,7 @@ def tune(
     host.
 
     Args:
-        selection: of the spec.
+        selection: the selection of the spec.
         prepared: from it.
         folder: receives the result and all runs; new or empty.
         limits: how long the search may take.

@@ -79,7 +79,7 @@ class Search:
     """A search.
 
     Args:
-        space: of all combinations.
+        space: the space of all combinations.
         machine: where they are started.
         limits: how long it may take.
         tell: is called with a line for the user after each step.

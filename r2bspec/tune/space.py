@@ -108,7 +108,7 @@ class Proposals:
     """The combinations to try, each once; that of today is known.
 
     Args:
-        space: of all combinations.
+        space: the space of all combinations.
         trials: that are planned.
     """
 
@@ -149,9 +149,9 @@ class Proposals:
         """Record the result of a trial.
 
         Args:
-            combination: that was tried.
-            cost: that was measured; None where it did not work.
-            excess: of the limit that it misses most; at most 0 where it keeps all.
+            combination: the combination that was tried.
+            cost: the cost that was measured; None where it did not work.
+            excess: the excess over the limit that it misses most; at most 0 if it keeps all.
         """
         known = [cost for cost, _ in self._results.values()]
         broken = 2 * max(known, default=1.0), MAX_EXCESS

@@ -108,8 +108,10 @@ class Proof(msgspec.Struct, frozen=True, kw_only=True):
         gains: whether the pairs show that the cost is less.
         before: the cost of today's values; None without pairs.
         after: that of the winner's.
-        ratio: of after to before, with the bounds of its interval; None where it is unknown.
-        pairs: that were used; 0 where today's values do not work, and the winner ran alone.
+        ratio: the ratio of after to before, with the bounds of its interval; None where it is
+            unknown.
+        pairs: the pairs that were used; 0 where today's values do not work, and the winner ran
+            alone.
         reason: what is not shown, or why nothing was judged; otherwise empty.
     """
 
@@ -129,15 +131,15 @@ class TuningResult(msgspec.Struct, frozen=True, kw_only=True):
     """The result of a search.
 
     Attributes:
-        name: of the benchmark.
+        name: the name of the benchmark.
         goal: the metric to be least, with its rate.
-        goal_unit: of the metric.
-        values: that were listed, by path.
+        goal_unit: the unit of the metric.
+        values: the values that were listed, by path.
         trials: in their order.
         outcome: what is claimed.
         reason: the same in a sentence.
         winner: the changes that are proved, or were to be; None if there are none.
-        proof: of the winner; None if none was made.
+        proof: the proof of the winner; None if none was made.
         plan: the hash of today's plan.
         machine: on which it ran.
     """

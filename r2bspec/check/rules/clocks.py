@@ -56,7 +56,7 @@ def _clock_setting(context: Context, node: NodeWiring) -> tuple[Path, bool] | No
 
 @rule("R2B243")
 def clock_published_twice(context: Context) -> Findings:
-    """Find publishers of /clock besides the harness, or of another time than that of the stamps."""
+    """Find publishers of /clock besides the harness, and clocks that disagree with the stamps."""
     playback = context.spec.playback
     stamped = any(played.timestamp == "header" for played in playback.played.values())
     publishers = context.wiring.measure.publishers(_CLOCK)

@@ -273,7 +273,7 @@ class _StepInput(NamedTuple):
         topic: as it is played.
         bag_topic: that it is loaded from.
         slop_ns: see `Pairing`.
-        times: of its messages in the window; None if they are not read.
+        times: the times of its messages in the window; None if they are not read.
     """
 
     name: str

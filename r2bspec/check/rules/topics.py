@@ -143,7 +143,7 @@ class _UnpublishedTopic:
         return f"remap it; published topics of its type: {quoted_list(fitting)}"
 
     def _misspelt_publisher(self) -> tuple[Pointer, ...]:
-        """The publisher of the close name, perhaps the misspelt one, if it has no subscription."""
+        """Return the publisher with the similar name, if it has no subscription."""
         if not self.close or self.phase.subscriptions(self.close):
             return ()
         publisher = self.phase.publishers(self.close)[0]
@@ -153,7 +153,7 @@ class _UnpublishedTopic:
         return (Pointer(message, publisher.path, publisher.topic_is_key),)
 
     def _consequences(self) -> set[str]:
-        """The topic, and those without a subscription because this one is subscribed to instead."""
+        """Return the topic, and the topics that lack its subscription."""
         phase = self.phase
         instead = {
             name
@@ -210,7 +210,7 @@ def topic_without_subscription(context: Context) -> Findings:
 
 
 def _is_intended(publisher: WiredEndpoint) -> bool:
-    """Whether the spec names the topic. Graphs often leave other outputs of a node unused."""
+    """Return True if the spec names the topic; other outputs are often unused."""
     if publisher.topic in SHARED_TOPICS:
         return False
     return publisher.owner == "player" or "remappings" in publisher.path

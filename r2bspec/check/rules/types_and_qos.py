@@ -97,7 +97,7 @@ def message_type_mismatch(context: Context) -> Findings:
 
 
 def _confirmed(context: Context) -> set[Path]:
-    """The paths of formats of playback inputs that equal the type of the bag or preprocessor."""
+    """Return the paths of input formats that equal the type of the bag or preprocessor."""
     phase = context.wiring.preprocess
     return {
         endpoint.type_path

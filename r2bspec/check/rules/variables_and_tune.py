@@ -106,8 +106,8 @@ def goal_problem(
 
     Args:
         metric: as a requirement names it.
-        monitors: of the spec.
-        subjects: that metrics can be of.
+        monitors: the monitors of the spec.
+        subjects: the subjects that metrics can be of.
         is_observed: whether every start is observed from inside.
     """
     try:

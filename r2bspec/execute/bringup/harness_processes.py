@@ -409,7 +409,7 @@ class GraphHarness:
             self._monitors.append((monitor, frozenset(plan.name for plan in watched)))
 
     def _folder_of(self, monitors: Iterable[MonitorPlan]) -> Path:
-        """Where a process writes: a further one in a folder of its own, with links to its rows."""
+        """Return the folder that a process writes to; further processes have their own."""
         if not self._monitors:
             return self.rows_dir
         folder = self.rows_dir / f"monitor-{len(self._monitors) + 1}"

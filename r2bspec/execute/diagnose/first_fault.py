@@ -264,7 +264,7 @@ def _names(names: Iterable[str]) -> str:
 
 
 def _who(subjects: Collection[str], verb: str) -> str:
-    """One or several subjects with the form of their verb, such as "publish"."""
+    """Return the subjects and their verb, such as "publish" or "publishes"."""
     several = len({*subjects}) > 1
     ending = "" if several else "es" if verb.endswith("sh") else "s"
     return f"{_names(subjects)} {verb}{ending}"

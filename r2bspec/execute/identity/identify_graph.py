@@ -192,9 +192,10 @@ def graph_identity(
     """Return the identity of the graph of a plan as it is now on this machine.
 
     Args:
-        plan: of the run.
+        plan: the plan of the run.
         base_dir: the folder of the spec, to which its paths are relative.
-        revision: of the work tree; looked up in the repository that contains `base_dir` if None.
+        revision: the revision of the work tree; looked up in the repository that contains
+            `base_dir` if None.
         top: the folder that paths are made relative to: by default the top of the work tree, or
             `base_dir` where there is no repository.
     """
@@ -221,7 +222,7 @@ def observed_identity(
 
     Args:
         identity: before the run.
-        plan: of the run.
+        plan: the plan of the run.
         base_dir: the folder of the spec.
         loaded: the files of each process, by its name.
         top: as for `graph_identity`.
@@ -243,7 +244,7 @@ def changes_since(identity: GraphIdentity, base_dir: Path, *, is_elsewhere: bool
     """Return the files and package versions of a graph that differ from an earlier run.
 
     Args:
-        identity: of the earlier run.
+        identity: the identity of the earlier run.
         base_dir: the folder of the spec.
         is_elsewhere: whether that was on another machine, which has other installations.
     """

@@ -49,7 +49,7 @@ class Iterations(NamedTuple):
     """A unit of a run: iterations that one start plays, one after the other.
 
     Attributes:
-        indices: of the iterations, from 1.
+        indices: the indices of the iterations, from 1.
         plays: the rates, each of which is played in each iteration.
         rerun_of: the id of the segment in whose place the only one is played; empty otherwise.
     """
@@ -107,8 +107,8 @@ class Measurement(Experiment[Iterations]):
         """Prepare to measure.
 
         Args:
-            plan: of the run.
-            context: of the run.
+            plan: the plan of the run.
+            context: the context of the run.
             starts: begins the starts.
             judge: judges what was measured so far; of a batch that confirms a failure, that batch
                 alone, given the verdict that has failed.

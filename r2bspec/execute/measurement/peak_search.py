@@ -583,7 +583,7 @@ class PeakSearch:
         return outcome.sustained
 
     def _needs_retry(self, outcome: ProbeOutcome) -> bool:
-        """Whether the failed rate was expected to pass: the lowest, or below an output rate."""
+        """Return True if the failed rate should pass: the lowest, or below an output rate."""
         rate_hz = outcome.probe.rate_hz
         return not outcome.limited_by_player and (
             rate_hz <= self.minimum_hz or rate_hz < self._guess_hz * (1 - self.precision)

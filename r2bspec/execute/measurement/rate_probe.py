@@ -365,7 +365,7 @@ class AffectedProbes:
         return replace(again, probe=rerun)
 
     def _with_interference(self, outcome: ProbeOutcome) -> ProbeOutcome:
-        """An outcome whose probe says what others did meanwhile, and whether that explains it."""
+        """Return the outcome with the host interference, and whether that explains it."""
         segment = self.segment_player.segments[-1]
         interference = self.context.host.between(segment.began_ns, segment.ended_ns)
         probe = msgspec.structs.replace(

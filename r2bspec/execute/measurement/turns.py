@@ -38,7 +38,7 @@ class Filled(msgspec.Struct, frozen=True):
     """The contents of the buffers.
 
     Attributes:
-        provenance: of each recording that was read.
+        provenance: the provenance of each recording that was read.
         played: the digest of the messages that are played.
     """
 
@@ -112,8 +112,8 @@ def play_by_turns(plan: Plan, player: SegmentPlayer, partner: Partner) -> None:
     """Play each rate in turns with the other side, then on this side alone if required.
 
     Args:
-        plan: of one run of a pair.
-        player: of the graph that is up and warm.
+        plan: the plan of one run of a pair.
+        player: the player of the graph that is up and warm.
         partner: the other side.
 
     Raises:

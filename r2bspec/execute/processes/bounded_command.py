@@ -27,7 +27,7 @@ class EndedCommand(NamedTuple):
     Attributes:
         problem: why it did not end well, such as ``ended with 3``; empty if it did.
         printed: to its standard output.
-        last_lines: of its standard error.
+        last_lines: the last lines of its standard error.
     """
 
     problem: str

@@ -36,7 +36,7 @@ class Gpus:
     """The NVIDIA GPUs of this machine.
 
     Attributes:
-        names: of the models.
+        names: the names of the models.
         why_not: why nothing is measured, as a clause; empty if something is.
     """
 

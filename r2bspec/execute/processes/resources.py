@@ -119,7 +119,7 @@ class InterferenceReader:
 
 
 def _cores_online() -> list[int]:
-    """The numbers of the cores in the order of psutil, which leaves out those that are offline."""
+    """Return the numbers of the cores that are online, in the order of psutil."""
     with Path(psutil.PROCFS_PATH, "stat").open() as file:
         lines = itertools.takewhile(lambda line: line.startswith("cpu"), file)
         return [int(line.split(maxsplit=1)[0][3:]) for line in lines if line[3].isdigit()]
@@ -143,7 +143,7 @@ def _counted(counters: _Counters, path: Path) -> float:
 
 
 def _largest(counters: _Counters, paths: list[Path]) -> float:
-    """The largest value: groups nest, and cores are throttled together, so sums would be wrong."""
+    """Return the largest value; a sum would count nested groups and cores twice."""
     values = (_counted(counters, path) for path in paths)
     return max((value for value in values if not math.isnan(value)), default=math.nan)
 

@@ -487,7 +487,7 @@ class Start:
                 silent_outputs.explain_start(silent, final=final)
 
     def _graph_processes(self) -> dict[int, list[int]]:
-        """The pids of each process of the graph and its descendants, by its index in the record."""
+        """Return the pids of each process tree of the graph, by its index in the record."""
         started = {record.pid: index for index, record in enumerate(self._supervisor.records())}
         names = {process.name for process in self._node_processes()}
         names |= {process.name for process in self._plan.processes if process.nodes}

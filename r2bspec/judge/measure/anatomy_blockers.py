@@ -31,14 +31,14 @@ class Blocker(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         node: the node whose messages wait.
-        topic: of the messages, or the service.
+        topic: the topic of the messages, or the service.
         by_node: the node of the callback.
         by: the topic or service of the callback; empty if a timer calls it.
-        period: of the timer; 0 if it was called once, or is none.
+        period: the period of the timer; 0 if it was called once, or is none.
         n: how many messages waited for it.
         mean: how long they waited for it, on average.
-        share: of the time that all messages of the topic waited.
-        threads: of the executor, as far as the spec or the observed calls tell.
+        share: the share of the time that all messages of the topic waited.
+        threads: the threads of the executor, as far as the spec or the observed calls tell.
     """
 
     node: str
@@ -59,8 +59,8 @@ def find_blockers(
 
     Args:
         events: joined.
-        record: of the processes.
-        plan: of the run.
+        record: the record of the processes.
+        plan: the plan of the run.
         waiting: nodes, and topics or services that they take.
     """
     names = events.names
@@ -99,7 +99,7 @@ def _blocker(events: Events, takes: Ints, callback: Ints, threads: int) -> Block
         events: joined.
         takes: the rows of the takes of a topic by a node.
         callback: the rows of the starts of a callback.
-        threads: of the executor.
+        threads: the threads of the executor.
     """
     names = events.names
     arrived, taken = events.received_ns[takes], events.began_ns[takes]
@@ -136,7 +136,7 @@ def _blocker(events: Events, takes: Ints, callback: Ints, threads: int) -> Block
 def _time_within(
     times: Ints, began: Ints, ended: Ints, origin: int
 ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """For each time, how long callbacks ran before it."""
+    """Return for each time how long callbacks ran before it."""
     at = (times - origin).astype(np.float64)
     first, last = ((limits - origin).astype(np.float64) for limits in (began, ended))
     return clipped_sum(last, at) - clipped_sum(first, at)

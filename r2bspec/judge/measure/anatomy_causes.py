@@ -71,7 +71,7 @@ Pairs = tuple[Ints, Ints]
 
 
 def _asked(events: Events, sends: Ints, takes: Ints) -> Pairs:
-    """For each response the newest take of the request with its number, or of its goal."""
+    """Return for each response the newest take of the request with its number, or of its goal."""
     responses = sends[events.kind[sends] == AnatomyKind.SEND_RESPONSE]
     requests = takes[events.kind[takes] == AnatomyKind.TAKE_REQUEST]
     place = newest_before(
@@ -104,7 +104,7 @@ def _asks_for_result(events: Events, takes: Ints) -> Mask:
 
 
 def _by_header(events: Events, sends: Ints, takes: Ints) -> Pairs:
-    """For each subscription of a send's node the newest take with the same header stamp."""
+    """Return for each subscription of a send's node the newest take with the same header stamp."""
     found = [
         _matching(events, of_node, of_end)
         for of_node, of_end in _ends_of_nodes(events, sends, takes)
@@ -124,7 +124,7 @@ def _matching(events: Events, sends: Ints, takes: Ints) -> Pairs:
 
 
 def _newest(events: Events, sends: Ints, takes: Ints) -> Iterator[Pairs]:
-    """For each subscription of a send's node the newest take."""
+    """Return for each subscription of a send's node the newest take."""
     for of_node, of_end in _ends_of_nodes(events, sends, takes):
         in_time = of_end[np.argsort(events.ended_ns[of_end], kind="stable")]
         count = np.searchsorted(events.ended_ns[in_time], events.began_ns[of_node], side="right")
@@ -170,7 +170,7 @@ def _within(events: Events, sends: Ints, asked: Ints) -> Pairs:
 
 
 def _answered(events: Events, pairs: Pairs, takes: Ints) -> Pairs:
-    """For each send outside of callbacks the newest response to a request of one of its causes."""
+    """Return for each send outside of callbacks the newest response to a request of its causes."""
     responses = takes[events.kind[takes] == AnatomyKind.TAKE_RESPONSE]
     asking = responses
     # From a response back to the take in whose callback its request was sent.
@@ -185,7 +185,7 @@ def _answered(events: Events, pairs: Pairs, takes: Ints) -> Pairs:
 
 
 def _unique_ends(events: Events, pairs: list[Pairs]) -> Pairs:
-    """One cause of a send for each subscription: that of the first of these pairs."""
+    """Return one cause of a send for each subscription: that of the first of these pairs."""
     send, take = _joined(pairs)
     order = np.lexsort((events.end[take], send))
     send, take = send[order], take[order]

@@ -135,7 +135,7 @@ class Events:
     Every array has a value for each row.
 
     Attributes:
-        names: of nodes and topics.
+        names: the names of nodes and topics.
         kind: an `AnatomyKind`.
         object: from 1 on; 0 is none.
         process: the number of the process.
@@ -203,7 +203,7 @@ def join_events(record: AnatomyRecord, rows: Rows, plan: Plan) -> Events:
     Args:
         record: what was observed.
         rows: of type `ANATOMY_DTYPE`, in any order.
-        plan: of the run, for the names of nodes.
+        plan: the plan of the run, for the names of nodes.
     """
     names = Names(record, plan)
     sound = _sound(record, rows)
@@ -277,14 +277,14 @@ def _sound(record: AnatomyRecord, rows: Rows) -> Mask:
 
 
 def _next(mask: Mask, thread: Ints) -> Ints:
-    """For each row the next one of its thread that the mask has, or `NONE`."""
+    """Return for each row the next row of its thread that the mask selects, or `NONE`."""
     places = np.append(np.flatnonzero(mask), NONE)
     found = places[np.cumsum(mask)]
     return np.where((found != NONE) & (thread[found] == thread), found, NONE)
 
 
 def _previous(mask: Mask, thread: Ints) -> Ints:
-    """For each row the one before it, in its thread, that the mask has, or `NONE`."""
+    """Return for each row the previous row of its thread that the mask selects, or `NONE`."""
     places = np.append(np.flatnonzero(mask), NONE)
     found = places[np.cumsum(mask) - mask - 1]
     return np.where((found != NONE) & (thread[found] == thread), found, NONE)
@@ -429,7 +429,7 @@ def _believed(times: Ints, low: Ints, high: Ints) -> Ints:
 
 
 def clipped_sum(times: Seconds, limits: Seconds) -> Seconds:
-    """For each limit the sum of min(time, limit), of ascending times."""
+    """Return for each limit the sum of min(time, limit), of ascending times."""
     count = np.searchsorted(times, limits)
     sums: Seconds = np.concatenate(([0.0], np.cumsum(times)))[count]
     return sums + (times.size - count) * limits
@@ -449,10 +449,10 @@ def newest_before(
     """Return for each question the place of the newest entry, not later, with the same keys.
 
     Args:
-        keys: of the entries, in one or several arrays.
-        times: of the entries.
-        asked_keys: of the questions.
-        asked_times: of the questions.
+        keys: the keys of the entries, in one or several arrays.
+        times: the times of the entries.
+        asked_keys: the keys of the questions.
+        asked_times: the times of the questions.
 
     Returns:
         places in the arrays of the entries, or `NONE`.

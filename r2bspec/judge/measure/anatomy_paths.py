@@ -144,7 +144,7 @@ class PathSearch:
 
     Args:
         events: joined.
-        causes: of their sends.
+        causes: the causes of their sends.
         live: whether the graph has its own source: then a path also begins with what no message
             has caused, at its header stamp.
         window: from when to when a path may begin.
@@ -262,7 +262,7 @@ class PathSearch:
         return self._from_stamp(path, hops[0][0][order]) if self._live and order.size else path
 
     def _from_stamp(self, path: Path, sends: Ints) -> Path:
-        """The path from the header stamp of its first message on, where that may be its begin."""
+        """Return the path from the header stamp of its first message on, if it can begin there."""
         stamped = self._events.stamped_ns[sends]
         possible = (stamped <= path.began_ns) & (stamped > path.began_ns - _OLDEST_STAMP_NS)
         began_ns = np.where(possible, stamped, path.began_ns)
@@ -364,7 +364,7 @@ class _Times:
 
         Args:
             named: nodes and topics by turns.
-            order: of the messages.
+            order: the order of the messages.
         """
         took = np.diff(self._table, axis=0)
         seen = self._known[1:] & self._known[:-1]
@@ -410,7 +410,7 @@ def _owner(named: Sequence[str], hop: int, part: PartName) -> tuple[str, Literal
 
 
 def _arrival(events: Events, send: Ints, take: Ints) -> Ints:
-    """When a message was received; where that is not known, when its take began, or ended."""
+    """Return the time of reception, else the begin or the end of the take."""
     received, began = events.received_ns[take], events.began_ns[take]
     sent = events.began_ns[send]
     arrived = np.where(began >= sent, began, events.ended_ns[take])

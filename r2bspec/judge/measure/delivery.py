@@ -51,7 +51,7 @@ class DeliveryEstimate:
         completed_error_hz: the standard error of `completed_hz`.
         batches: the batches behind both standard errors; batches - 1 is the number of degrees
             of freedom. 0 if there were too few outputs for batches.
-        drop_share: of the completed outputs, the share that never arrived.
+        drop_share: the share of the completed outputs that never arrived.
         published: steps published.
         answered: outputs received.
     """

@@ -128,7 +128,7 @@ class ProcessSamples:
 
 
 def _summed(found: Sequence[Rows]) -> Rows:
-    """One row for each sample of the process that was sampled most often."""
+    """Return one row for each sample of the process that was sampled most often."""
     if len(found) == 1:
         return found[0]
     total = max(found, key=len).copy()
@@ -157,7 +157,7 @@ class SampledWindow:
     Samples must cover at least half of the window; the rest of it is left out.
 
     Args:
-        rows: of the process, in the order of time.
+        rows: the rows of the process, in the order of time.
         began_ns: the beginning of the window.
         ended_ns: its end.
     """
@@ -267,7 +267,7 @@ def device_use(
     A value that is unknown at any sample of the window is unknown in it.
 
     Args:
-        sampled: of rows of type `DEVICE_DTYPE`.
+        sampled: rows of type `DEVICE_DTYPE`.
         began_ns: the beginning of the window.
         ended_ns: its end.
         steps: the number of steps in it.

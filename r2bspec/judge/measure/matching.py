@@ -198,7 +198,7 @@ def match(
         playback: rows of type `PLAYBACK_DTYPE`, one per step, in the order of publication.
         monitor: rows of type `MONITOR_DTYPE`, in the order of arrival.
         by: by stamp, by order, or not at all.
-        ratio: of outputs to inputs.
+        ratio: the ratio of outputs to inputs.
     """
     if by == "own_pace":
         return Matching(
@@ -244,7 +244,7 @@ def match(
 
 
 def arrivals(monitor: Rows, match: Matching) -> NDArray[np.int64]:
-    """When each first output was received, in ascending nanoseconds; shape (answered,).
+    """Return when each first output was received, in ascending nanoseconds; shape (answered,).
 
     Duplicates and messages that match no step are left out: they are counted elsewhere, and
     would make a graph look faster than it is.
@@ -348,7 +348,7 @@ def source_times_ns(segment: Segment, rows: Rows) -> NDArray[np.int64] | None:
     """Return when the source stamped each message, on the monotonic clock.
 
     Args:
-        segment: of a live run.
+        segment: the segment of a live run.
         rows: what a monitor received in it, of type `MONITOR_DTYPE`; the stamps are of the system
             clock.
 
@@ -379,7 +379,7 @@ def select_expected_steps(playback: Rows, inputs: StepSources, monitor: MonitorP
     Args:
         playback: rows of type `PLAYBACK_DTYPE`.
         inputs: `step_sources` of the plan.
-        monitor: of the plan; without 'answers', every step counts.
+        monitor: the monitor of the plan; without 'answers', every step counts.
     """
     mask = np.int64(input_mask(inputs, monitor.answers))
     rows: Rows = playback[(playback["inputs"] & mask) == mask]

@@ -108,11 +108,12 @@ class Metric(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         read: its value in a segment; see `metric_declarations`.
         text: its definition, in sentences.
         formula: in the terms of the text.
-        unit: of values, where the dimension does not say it.
+        unit: the unit of values, where the dimension does not say it.
         parts: those that are listed; empty for a metric that is one value. Where one of them is a
             percentile, a requirement can name every other percentile, too.
         whats: in a few words, of parts for which `what` does not say it.
-        statistic: of a metric that is one value; that of a part follows from the part.
+        statistic: the statistic of a metric that is one value; that of a part follows from the
+            part.
         noun: what single values are of, in the plural.
         fewer: how many values fewer than messages an iteration has.
         lost_is_slowest: whether an output that never came counts as slower than every other.

@@ -258,7 +258,7 @@ def _translated(name: str) -> str:
 
 
 def _unknown_metric(name: str, message: str, subjects: Subjects, prefix: str = "") -> MetricError:
-    """The error for an unknown name: if its first word is a family, only that family is listed."""
+    """Return the error for an unknown name, with the names of its family, or all."""
     family = name.partition(".")[0]
     everything = names(subjects)
     known = (

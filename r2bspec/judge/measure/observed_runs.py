@@ -21,7 +21,7 @@ class ObservedRows:
 
     Attributes:
         rows: of type `ANATOMY_DTYPE`.
-        record: of its start.
+        record: the record of its start.
     """
 
     rows: Rows

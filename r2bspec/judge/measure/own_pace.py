@@ -80,7 +80,7 @@ def own_period_s(evidence: Sequence[PaceEvidence], overdue: int = 0) -> float | 
     If no segment has enough messages, as with a slow timer, all segments are taken together.
 
     Args:
-        evidence: of each segment.
+        evidence: the evidence of each segment.
         overdue: how many messages of all of them answer earlier segments.
     """
     known = [period_s for each in evidence if (period_s := each.period_s) is not None]

@@ -131,8 +131,8 @@ def _run_samples(
     """Return the samples of a run, or of a session of it, from those of its segments.
 
     Args:
-        record: of the run.
-        plan: of the run.
+        record: the record of the run.
+        plan: the plan of the run.
         segments: its iterations, complete or not.
         iterations: see `RunSamples`, as the following.
         sustained: likewise.
@@ -238,7 +238,7 @@ def match_monitors(
     Empty if the graph is live.
 
     Args:
-        plan: of the run.
+        plan: the plan of the run.
         segment: one of its segments.
         playback: rows of type `PLAYBACK_DTYPE`: all its steps.
         received: the rows of each monitor, by name.
@@ -261,7 +261,7 @@ def segment_samples(
     """Return the samples of one segment, without those of processes and of the host.
 
     Args:
-        plan: of the run.
+        plan: the plan of the run.
         segment: one of its segments.
         rows: what the harness wrote in it.
         matched: the match of each monitor, where the caller has it already.
@@ -364,8 +364,8 @@ def run_samples(
     """Return the samples of all complete iterations and sustained probes of a run.
 
     Args:
-        record: of the run so far.
-        plan: of the run.
+        record: the record of the run so far.
+        plan: the plan of the run.
         samples_of: the samples of one complete segment; see `segment_samples`.
         host: what was sampled over the whole run.
 

@@ -137,7 +137,7 @@ class MonitorSamples:
         per_step: expected outputs per step, on average.
         by_order: whether outputs are matched by order. If one is then missing, too many or early,
             it is unknown which step each of them answers.
-        kind: of the outputs.
+        kind: the kind of the outputs.
     """
 
     rows: Rows
@@ -513,7 +513,7 @@ def _unasked(segment: Segment, received: Rows, newest: NDArray[np.int64]) -> Mon
     """Return what one monitor received between the ends of a segment, each message as a step.
 
     Args:
-        segment: of the messages.
+        segment: the segment of the messages.
         received: rows of type `MONITOR_DTYPE`.
         newest: when the newest input in each message was published, or `NO_MATCH`.
     """

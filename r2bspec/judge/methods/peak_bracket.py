@@ -259,7 +259,7 @@ def _grows(
 
 
 def _latencies(seen: MonitorSamples) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """When the later steps were published, and how long each was under way, in seconds."""
+    """Return publication times and latencies of the later steps, in seconds."""
     answered = np.flatnonzero(seen.came)
     kept = answered[answered.size // _SKIPPED_DIVISOR :]
     published = seen.outputs["published_ns"][kept]

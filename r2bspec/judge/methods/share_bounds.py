@@ -147,8 +147,8 @@ def _remedy(
 
     Args:
         case: that is undecided.
-        test: of the counts.
-        interval: of the percentile, where it is one.
+        test: the test of the counts.
+        interval: the interval of the percentile, where it is one.
     """
     if test.allowed <= 0:
         return (

@@ -32,7 +32,7 @@ def mean_decides(distance: float, half: float, m: int, confidence: float) -> Dec
         distance: from the estimate to the limit.
         half: half width of the interval of m pieces.
         m: at least 2.
-        confidence: of each bound.
+        confidence: the confidence of each bound.
     """
     known = t_quantile(m - 1, confidence)
     return lambda more: (
@@ -48,7 +48,7 @@ def share_decides(bad: float, n: float, allowed: float, m: int, confidence: floa
         n: messages of m pieces, likewise.
         allowed: the share that is tested.
         m: at least 1.
-        confidence: of each bound.
+        confidence: the confidence of each bound.
     """
 
     def decides(more: int) -> bool:

@@ -119,7 +119,7 @@ class RankedMessages:
         Args:
             values: in the order they were played.
             starts: the start of each iteration; empty where all belong to the same start.
-            test: of the share that may be over the limit.
+            test: the test of the share that may be over the limit.
         """
         self.values, self.starts, self.test = values, starts, test
         self.ordered = np.sort(np.concatenate([*values, np.empty(0)]))

@@ -143,7 +143,7 @@ def share_bounds(
     Args:
         counts: the bad messages of each piece.
         sizes: all messages of each piece.
-        test: of the share.
+        test: the test of the share.
         upper_level: l of the upper bound, if it has another.
     """
     first = next(iter(counts))
@@ -205,7 +205,7 @@ def _added(counts: NDArray[np.int64], sizes: NDArray[np.int64], totals: _Floats)
 
     Args:
         counts: of each piece, shape (m,).
-        sizes: of each piece.
+        sizes: the size of each piece.
         totals: at least the sum of the counts, shape (n,).
 
     Returns:

@@ -115,9 +115,9 @@ def deviation_bound(deviation: float, number: int, confidence: float) -> float:
     """Return the upper bound of a standard deviation of normal values, by chi-square.
 
     Args:
-        deviation: of the values.
+        deviation: the deviation of the values.
         number: how many values, at least two.
-        confidence: of the bound.
+        confidence: the confidence of the bound.
     """
     from scipy.special import chdtri
 
@@ -143,7 +143,7 @@ def mean_interval(
 
     Args:
         values: one for each iteration, at least two.
-        confidence: of each bound by itself.
+        confidence: the confidence of each bound by itself.
         resolution: the smallest difference that the clock can show in such a value. Values that
             agree exactly differ by less than that, not by nothing: the deviation is taken to be
             at least resolution / sqrt(12), that of a value rounded to it.
@@ -178,8 +178,8 @@ def hierarchical_interval(
     Args:
         values: one for each iteration, at least two, in the order of time.
         starts: the start of each iteration.
-        confidence: of each bound by itself.
-        resolution: of a value; see `mean_interval`.
+        confidence: the confidence of each bound by itself.
+        resolution: the resolution of a value; see `mean_interval`.
 
     Raises:
         ValueError: fewer than two values.
@@ -240,7 +240,7 @@ def pair_orders(pairs: int, seed: int, session: int = 0) -> tuple[PairOrder, ...
 
     Args:
         pairs: how many.
-        seed: of the coin; the same seed gives the same orders.
+        seed: the seed of the coin; the same seed gives the same orders.
         session: which of the sessions of a comparison: 0 for the first pairs, 1 for those that
             confirm a failure.
     """
@@ -261,7 +261,7 @@ def paired_ratio(
     Args:
         base: one positive value for each pair, at least two.
         head: the same for the head, in the order of the pairs.
-        confidence: of each bound by itself.
+        confidence: the confidence of each bound by itself.
         resolution: the smallest difference that the clock can show in such a value.
 
     Raises:
@@ -280,7 +280,7 @@ def welch_ratio(base: Sequence[float], head: Sequence[float], confidence: float)
     Args:
         base: one positive value for each iteration of the base, at least two.
         head: the same for the head.
-        confidence: of each bound by itself.
+        confidence: the confidence of each bound by itself.
 
     Raises:
         ValueError: fewer than two values on a side, or a value that is not positive.
@@ -309,7 +309,7 @@ def welch_ratio_of_runs(
         base: at least two positive values, one for each iteration.
         head: the same for the head.
         starts: of each iteration of the base, and of the head; empty where they are not known.
-        confidence: of each bound by itself.
+        confidence: the confidence of each bound by itself.
 
     Raises:
         ValueError: fewer than two values on a side, or a value that is not positive.

@@ -130,7 +130,7 @@ def trend(times: NDArray[np.float64], values: NDArray[np.float64], confidence: f
     Args:
         times: ascending, shape (n,).
         values: shape (n,).
-        confidence: of each bound by itself.
+        confidence: the confidence of each bound by itself.
     """
     n = times.size
     if n < _MIN_POINTS or times.min() == times.max():

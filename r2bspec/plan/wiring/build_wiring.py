@@ -214,7 +214,7 @@ def _node_endpoints(nodes: tuple[NodeWiring, ...]) -> Iterator[WiredEndpoint]:
 def _endpoint(
     node: NodeWiring, own_name: str, kind: str, declared_under: str, *, is_publisher: bool
 ) -> WiredEndpoint:
-    """An endpoint of a node, with the place that decides its topic: remapping, key or node."""
+    """Return an endpoint, with the place that decides its topic: remapping, key or node."""
     topic, rule = node.names.resolve(own_name)
     declared = (*node.path, declared_under, own_name) if declared_under else ()
     path = (*node.path, "remappings", rule) if rule is not None else declared or node.path

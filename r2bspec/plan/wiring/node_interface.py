@@ -32,7 +32,7 @@ class RecordOrigin(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
     Attributes:
         target: the node as the spec names it: its class, its package and plugin, or its command.
         sha256: of its files in the folder of the spec; empty if there are none.
-        version: of its ROS package; empty if unknown.
+        version: the version of its ROS package; empty if unknown.
     """
 
     target: str = ""

@@ -98,9 +98,9 @@ def read_node_class(
     """Return the interface of a class, or of a function that creates a node.
 
     Args:
-        tree: of the file.
-        name: of the class or the function.
-        path: of the file, absolute; without one, its imports are not followed.
+        tree: the syntax tree of the file.
+        name: the name of the class or the function.
+        path: the path of the file, absolute; without one, its imports are not followed.
         read: reads other files of its package.
     """
     found = find_definition(SourceFile(tree, path, read), name)
@@ -167,7 +167,7 @@ class _Scope(NamedTuple):
     Attributes:
         file: with the text.
         values: the only value of each variable, ``self.NAME`` too; None if there are others.
-        methods: of the class and of its subclasses, by their names.
+        methods: the methods of the class and of its subclasses, by their names.
     """
 
     file: SourceFile
@@ -474,7 +474,7 @@ def _interface_type(
 
 
 def _declared_parameters(call: ast.Call, method: str) -> list[tuple[str, ParameterInfo]] | None:
-    """The parameters of ``declare_parameter(name, value)`` or ``declare_parameters("", [...])``.
+    """Return the parameters of ``declare_parameter`` and ``declare_parameters`` calls.
 
     None if their names are no literals.
     """

@@ -58,7 +58,7 @@ class Axis:
 
     Attributes:
         title: beside it; empty for none.
-        unit: of its values, for the script.
+        unit: the unit of its values, for the script.
         low: the value at its left or lower end.
         high: the value at the other end.
         ticks: values with their texts; round values if empty.
@@ -312,8 +312,8 @@ def draw(name: str, title: str, description: str, panels: Sequence[Panel], note:
 
     Args:
         name: letters, digits and ``-``; unique in the page.
-        title: of the chart.
-        description: of its content, for readers who do not see it.
+        title: the title of the chart.
+        description: the description of its content, for readers who do not see it.
         panels: from top to bottom.
         note: see `Chart`.
     """

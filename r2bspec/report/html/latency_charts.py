@@ -68,10 +68,10 @@ def percentile_chart(name: str, monitor: str, samples: RunSamples, verdict: Verd
     """Draw a curve for each offered rate, with the limits and bounds of its requirements.
 
     Args:
-        name: of the chart, unique in its page.
+        name: the name of the chart, unique in its page.
         monitor: its name.
-        samples: of the run.
-        verdict: of the run.
+        samples: the samples of the run.
+        verdict: the verdict of the run.
     """
     all_rates = sorted(samples.iterations)
     rates = all_rates[-_MAX_CURVES:]

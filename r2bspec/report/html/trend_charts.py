@@ -38,10 +38,10 @@ def trend_chart(
     """Return the chart of a metric.
 
     Args:
-        number: of the history in the page.
-        history: of the metric.
+        number: the number of the history in the page.
+        history: the history of the metric.
         metric: with at least one value.
-        title: of the chart.
+        title: the title of the chart.
         labels: a few words for each change of the metric.
     """
     known = [value for value in metric.values if value is not None]
