@@ -11,7 +11,7 @@ comma := ,
 EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision),report
 
 .DEFAULT_GOAL := help
-.PHONY: help demo suite test install install-dev lint types imports unit robustness without-ros coverage ros nightly generated docs package bench clean
+.PHONY: help demo suite test install install-dev lint types imports tests unit robustness coverage ros nightly generated docs package bench clean
 
 help:
 	@echo "make demo      install, then run specs/apriltag_node.r2b.yaml on real ROS 2"
@@ -38,7 +38,7 @@ SMOKE ?=
 suite: install
 	$(BIN)/r2bspec run specs/suite $(if $(SMOKE),--smoke)
 
-test: install-dev lint types imports without-ros ros
+test: install-dev lint types imports tests
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -65,8 +65,13 @@ types: install-dev
 imports: install-dev
 	$(BIN)/lint-imports
 
-# Three at a time on two processors: a quarter of their time they wait for other processes.
-PYTEST = $(BIN)/pytest -n $$(( ($$(nproc) * 3 + 1) / 2 )) --dist worksteal
+# Four files at a time on two processors, the longest first (tests/conftest.py): those on real ROS 2
+# wait for a third of their time, and assert what is true on a busy machine, too. Faults fill disks
+# and shared memory of their own.
+PYTEST = $(BIN)/pytest -n $$(( $$(nproc) + 2 )) --dist loadfile --no-loadscope-reorder
+
+tests: install-dev
+	$(PYTEST)
 
 UNIT := tests/unit tests/property tests/golden tests/editors
 # Simulated runs of known truth, hostile and damaged files, and pages in a browser.
@@ -78,19 +83,12 @@ unit: install-dev
 robustness: install-dev
 	$(PYTEST) $(ROBUSTNESS)
 
-# Both at once, which starts and ends once.
-without-ros: install-dev
-	$(PYTEST) $(UNIT) $(ROBUSTNESS)
-
-# Apart from both, which it would make half as long again.
+# Apart from the tests, which it would make half as long again.
 coverage: install-dev
 	$(BIN)/pytest tests --ignore=tests/ros --ignore=tests/fault --ignore=tests/fleet --cov --cov-report=term:skip-covered
 
-# Three files of tests at a time, the longest first (tests/conftest.py): they wait for a third of
-# their time, and assert what is true on a busy machine, too. Faults fill disks and shared memory of
-# their own.
 ros: install-dev
-	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder tests/ros tests/fault tests/fleet
+	$(PYTEST) tests/ros tests/fault tests/fleet
 
 # Every test at its full size: whole simulations, every kind of pull request through every recipe.
 # Hours; before a release, and where a pipeline asks for it.

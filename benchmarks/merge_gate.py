@@ -29,9 +29,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests/support"))
 
 import yaml
 
+from busy_programs import busy_programs
 from c_nodes import c_node
 from git_repositories import commit, git
-from machine_load import busy_programs
 from ros_runs import IMAGE, NODE_IMPORTS, WORKER, quick_input, write_bag
 
 STEPS = {"python": 100_000, "c": 10_000_000}

@@ -12,21 +12,13 @@ from nightly import only_nightly
 
 pytest.importorskip("rclpy")
 
-from ros_runs import Bench, Finished, relay_spec
+from ros_runs import Bench, relay_spec
 
 HELD_S = 0.7
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("player", r"began over 25 ms after they were due \(p99 {time}\)"),
-        pytest.param("monitor", r"The monitor had no processor for {time}", marks=only_nightly()),
-    ],
-)
-def test_a_run_whose_harness_had_no_time_is_invalid_and_says_by_how_much(
-    tmp_path: Path, name: str, words: str
-) -> None:
+@pytest.mark.parametrize("name", ["player", pytest.param("monitor", marks=only_nightly())])
+def test_a_run_whose_harness_had_no_time_is_invalid_and_says_why(tmp_path: Path, name: str) -> None:
     """A part of the harness is stopped for a while, as a machine does that has no time for it."""
     spec = relay_spec(slos={"answers": {"at": "20 Hz", "require": ["latency.p50 < 1 h"]}})
     spec["benchmark"] |= {"iterations": 1, "duration": "2 s"}
@@ -39,24 +31,16 @@ def test_a_run_whose_harness_had_no_time_is_invalid_and_says_by_how_much(
         time.sleep(HELD_S)
         process.resume()
         done = running.finish()
-    assert done.status == 4
-    assert done.outcome == "invalid"
+    assert (done.status, done.outcome) == (4, "invalid")
     assert done.run().record.status == "complete"
     (segment,) = done.segments()
     # A busy machine may add to that, and the last of what was late was not late by all of it.
-    if name == "monitor":
-        assert segment.monitor_held_ns > HELD_S / 2 * 1e9
-    # Should the player have been late of itself, that is what is said.
-    if name == "player" or "began over" not in done.stdout:
-        assert measured_s(done, words) > HELD_S / 2
+    playback = done.run().playback(segment)
+    late_ns = int((playback["published_ns"] - playback["due_ns"]).max())
+    held_ns = late_ns if name == "player" else segment.monitor_held_ns
+    assert held_ns > HELD_S / 2 * 1e9
+    # On a busy machine the player may have been late of itself, too.
+    assert re.search("began over|playback reached only|had no processor for", done.words)
     # Nothing was lost by it, and nothing is said about how fast the graph was.
     assert done.monitor()["answered"] == 40
     assert "PASS" not in done.stdout
-
-
-def measured_s(done: Finished, words: str) -> float:
-    """The time in a sentence of the report."""
-    pattern = words.format(time=r"(?P<value>[0-9.]+) (?P<unit>m?s)")
-    said = re.search(pattern, done.words)
-    assert said, done.stdout
-    return float(said["value"]) * (1e-3 if said["unit"] == "ms" else 1.0)

@@ -17,7 +17,6 @@ import pytest
 pytest.importorskip("rclpy")
 
 from c_nodes import c_node_spec
-from machine_load import skip_for_load
 from r2bspec.execute.processes.prerequisites import reserved_domain
 from r2bspec.middleware.middleware import SHARED_MEMORY
 from r2bspec.native.build import anatomy_environment, anatomy_object
@@ -27,19 +26,23 @@ from ros_runs import HANG_S, Bench, relay_node, relay_spec
 from ros_runs import bench as bench
 
 STEPS = 200
+LONG_QUEUE = {"queue_depth": 2 * STEPS}
+"""For all messages: the threads of rclpy sometimes stand still for seconds."""
+RELAY = relay_node()
+RELAY["parameters"] |= LONG_QUEUE
 CHAIN = {
-    "single": relay_node(remappings={"output": "first"}),
-    "multi": relay_node(
-        executor="multi_threaded", threads=3, remappings={"input": "first", "output": "second"}
-    ),
-    "native": c_node_spec("relay", remappings={"input": "second"}),
+    "single": RELAY | {"remappings": {"output": "first"}},
+    "multi": RELAY
+    | {"executor": "multi_threaded", "threads": 3}
+    | {"remappings": {"input": "first", "output": "second"}},
+    "native": c_node_spec("relay", parameters=LONG_QUEUE, remappings={"input": "second"}),
 }
 ROUTE = ("/r2b/input", "/r2b/first", "/r2b/second", "/r2b/output")
 """From the player over the nodes of the chain to the monitor."""
 ENDS = ("/r2bspec/player", "/r2b/single", "/r2b/multi", "/r2b/relay", "/r2bspec/monitor")
 SPEC = relay_spec(environment=["FOLDER", "PROCESS", "BYTES"], graph={"nodes": CHAIN})
 SPEC["environment"] = [f"R2BSPEC_ANATOMY_{name}" for name in SPEC["environment"]]
-SPEC["benchmark"] |= {"rates": ["50 Hz"], "duration": f"{STEPS // 50} s"}
+SPEC["benchmark"] |= {"rates": ["50 Hz"], "duration": f"{STEPS // 50} s", "drain_timeout": "60 s"}
 
 SLACK_NS = 1_000_000
 """The system clock may be adjusted while it is compared with the monotonic one."""
@@ -74,15 +77,12 @@ def chain(bench: Bench) -> Iterator[Recorded]:
         tempfile.TemporaryDirectory(dir=SHARED_MEMORY) as folder,
         pytest.MonkeyPatch.context() as patch,
     ):
-        size = file_bytes(500 * STEPS)
+        # The multi-threaded executor of rclpy sometimes spins.
+        size = file_bytes(5_000 * STEPS)
         for item in anatomy_environment(anatomy_object(), Path(folder), "any", size, "").items():
             patch.setenv(*item)
         done = bench.run(SPEC)
         recorded = Recorded(Path(folder))
-        lost = sum(each.lost for each in recorded.processes)
-        # It sometimes spins, or stands still for seconds, and what it relays is late or lost.
-        if lost or done.monitor("out")["missed"]:
-            skip_for_load("relay every message with the threads of rclpy")
         done.assert_counts(STEPS)
         yield recorded
 

@@ -15,8 +15,8 @@ from nightly import only_nightly
 
 pytest.importorskip("rclpy")
 
-from machine_load import BUSY, busy_programs, skip_for_load
-from ros_runs import Bench, Finished, relay_node, relay_spec
+from busy_programs import BUSY, busy_programs
+from ros_runs import Bench, relay_node, relay_spec
 from ros_runs import bench as bench
 
 # Its strangers would disturb what is tested beside it.
@@ -42,22 +42,16 @@ def spec(node: dict[str, Any], interference: str, *require: str) -> dict[str, An
     return relay_spec(
         graph={"nodes": {"relay": node}},
         benchmark={
-            "duration": "1 s",
+            "duration": "10 s",
             "iterations": 2,
-            "rates": ["30 Hz"],
+            # Half a period is late: busy programs delay no publication by a quarter of a second.
+            "rates": ["2 Hz"],
             "warm_up": "100 ms",
             "start_timeout": "120 s",
             "gate": {"confirm": False, "interference": interference},
         },
-        slos={"slo": {"at": "30 Hz", "require": list(require)}},
+        slos={"slo": {"at": "2 Hz", "require": list(require)}},
     )
-
-
-def usable(finished: Finished) -> Finished:
-    assert finished.run().record.status == "complete", finished.stderr
-    if finished.outcome == "invalid":
-        skip_for_load("play 30 messages a second beside busy programs")
-    return finished
 
 
 @pytest.mark.skipif(
@@ -65,8 +59,8 @@ def usable(finished: Finished) -> Finished:
 )
 def test_a_node_that_sleeps_too_long_fails_on_a_busy_machine(bench: Bench) -> None:
     asked = "throughput.mean >= 95 % of offered"
-    done = usable(bench.run(spec(sleeper(100.0), "note", asked)))
-    # A tenth of a second for each of 30 messages a second: a third of them at best.
+    done = bench.run(spec(sleeper(1500.0), "note", asked))
+    # A second and a half for each of 2 messages a second: a third of them at best.
     assert done.status == 1
     (one,) = done.result()["verdict"]["requirements"]
     assert one["outcome"] == "fail"
@@ -75,7 +69,7 @@ def test_a_node_that_sleeps_too_long_fails_on_a_busy_machine(bench: Bench) -> No
 
 
 def test_a_tolerant_gate_judges_as_measured_and_says_what_was_there(bench: Bench) -> None:
-    done = usable(bench.run(spec(sleeper(1.0), "tolerate", "latency.p50 < 60 s")))
+    done = bench.run(spec(sleeper(1.0), "tolerate", "latency.p50 < 60 s"))
     assert (done.status, done.outcome) == (0, "pass")
     assert SAID in done.words
     assert not [segment for segment in done.run().record.segments if segment.rerun_of]

@@ -24,8 +24,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from busy_programs import busy_programs
 from git_repositories import git
-from machine_load import busy_programs
 from nightly import only_nightly, sampled, size
 from pull_requests import PACKAGE, PARAMETERS, SPEC, Recipe, Workspace, spec, without_sections
 from ros_runs import write_bag

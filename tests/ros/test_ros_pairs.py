@@ -13,7 +13,6 @@ from nightly import only_nightly
 
 pytest.importorskip("rclpy")
 
-from machine_load import skip_for_load
 from r2bspec.judge.statistics.t_interval import pair_orders
 from r2bspec.record.comparison_folder import open_comparison
 from ros_runs import Bench, Finished, relay_node, relay_spec
@@ -30,13 +29,13 @@ SPEC = relay_spec(
     variables={"ms": 5.0},
     graph={"nodes": {"relay": RELAY}},
     benchmark={
-        "duration": "500 ms",
+        "duration": "2 s",
         "iterations": 1,
-        "rates": ["10 Hz"],
+        "rates": ["2 Hz"],
         "warm_up": "100 ms",
         "start_timeout": "60 s",
     },
-    slos={"no_regression": {"at": "10 Hz", "require": ["latency.p99 <= 100 % of baseline"]}},
+    slos={"no_regression": {"at": "2 Hz", "require": ["latency.p99 <= 100 % of baseline"]}},
 )
 
 
@@ -69,8 +68,6 @@ def test_runs_are_interleaved_whole_and_fresh(compared: Finished) -> None:
 def test_the_verdict_says_what_it_rests_on(compared: Finished) -> None:
     result = json.loads((compared.folder / "result.json").read_text())
     (one,) = result["verdict"]["requirements"]
-    if result["verdict"]["outcome"] == "invalid":
-        skip_for_load("play 10 messages a second on time")
     assert one["method"] == "paired t on logs"
     # The relay waits, whatever else the machine does.
     assert one["compared"]["base"] > 0.030

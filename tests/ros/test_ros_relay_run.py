@@ -9,7 +9,6 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from machine_load import skip_for_load
 from r2bspec.judge.measure.host_usage import CONTROLLER_INDEX, MACHINE_INDEX
 from r2bspec.record.run_record import SearchRecord, Segment
 from ros_runs import HEIGHT, MEASURED, WIDTH, Bench, Finished, relay_node, relay_spec
@@ -17,8 +16,8 @@ from ros_runs import bench as bench
 
 SERVICE_S = 0.010
 # So low that a loaded machine, too, publishes within half a period of the due time.
-RATES_HZ = (5.0, 10.0)
-DURATION_S = 1
+RATES_HZ = (2.0, 4.0)
+DURATION_S = 2
 ITERATIONS = 2
 PRECISION, CONFIRM_S = 0.2, 1
 
@@ -43,7 +42,7 @@ SPEC = relay_spec(
     },
     # The busy wait alone takes longer, on any machine.
     slos={
-        "impossible": {"at": "5 Hz", "require": ["latency.max < 2 ms"]},
+        "impossible": {"at": "2 Hz", "require": ["latency.max < 2 ms"]},
         "at_its_limit": {"at": "peak", "level": "info", "require": ["received >= 0"]},
     },
 )
@@ -51,7 +50,7 @@ SPEC = relay_spec(
 
 @pytest.fixture(scope="module")
 def done(bench: Bench) -> Finished:
-    return bench.run_on_time(SPEC)
+    return bench.run_until_valid(SPEC)
 
 
 def at_rates(done: Finished) -> list[Segment]:
@@ -238,14 +237,13 @@ def test_what_is_shown_of_the_peak_is_what_was_proved(done: Finished) -> None:
 
 def test_iterations_are_played_at_the_peak_and_judged(done: Finished) -> None:
     holds_hz = peak(done).holds_hz
-    if holds_hz is None:
-        skip_for_load("relay 10 messages a second")
     played = [segment for segment in done.segments() if segment not in at_rates(done)]
-    assert len(played) == ITERATIONS
-    assert all(math.isclose(each.rate_hz, holds_hz) for each in played)
+    assert len(played) == (0 if holds_hz is None else ITERATIONS)
     requirement = done.requirement("received")
     assert requirement["at_hz"] == holds_hz
-    assert requirement["n"] > 0
+    if holds_hz is not None:
+        assert all(math.isclose(segment.rate_hz, holds_hz) for segment in played)
+        assert requirement["n"] > 0
 
 
 # The verdict

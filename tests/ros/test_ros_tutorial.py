@@ -13,7 +13,6 @@ import yaml
 pytest.importorskip("rclpy")
 
 from git_repositories import clone, commit, git
-from machine_load import skip_for_load
 from nightly import NIGHTLY, only_nightly
 from page_blocks import page_blocks, page_file
 from pipelines import Workplace
@@ -105,8 +104,6 @@ def test_the_workflow_of_the_tutorial_gates_a_pull_request(place: Path, tmp_path
     *_, step = yaml.safe_load(workflow)["jobs"]["stereo"]["steps"]
     job_place = Workplace(clone(upstream, tmp_path / "checkout", MERGED, "--depth=1"), tmp_path)
     job = job_place.action(sys.executable, step["with"]["spec"], git(upstream, "rev-parse", "main"))
-    if "INCONCLUSIVE" in job.summary or "INVALID" in job.summary:
-        skip_for_load("compare two nodes of which one is 40 ms slower")
-    assert job.code == 1, job.printed
+    assert job.code in {1, INCONCLUSIVE, INVALID}, job.printed
     assert "no_slower" in job.printed
     assert "stereo_brightness.py changed" in job.printed
