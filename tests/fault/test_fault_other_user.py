@@ -10,6 +10,7 @@ import json
 import os
 import pwd
 import stat
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,9 @@ def as_other_user(uid: int, action: Callable[[], Any]) -> Any:
             os.setuid(uid)
             os.write(writing, json.dumps(action()).encode())
             code = 0
+        except BaseException:
+            traceback.print_exc()
+            raise
         finally:
             os._exit(code)
     os.close(writing)
