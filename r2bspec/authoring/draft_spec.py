@@ -1,12 +1,11 @@
-"""The text of a first spec, from nodes and a recording.
+"""What a first spec plays and measures, from nodes and a recording.
 
 Which topics the graph reads and answers follows from its wiring, as far as that is known. What is
-not known is a comment: nothing is guessed.
+not known is said, and nothing is guessed; `draft_text` writes the spec.
 """
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,38 +14,25 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from r2bspec.authoring.input_roles import input_keys, input_qos, latched_inputs, lead_of
-from r2bspec.bags.message_types import begins_with_header
-from r2bspec.bags.offered_qos import offered_profile
+from r2bspec.authoring.input_roles import input_keys, latched_inputs, lead_of
 from r2bspec.bags.recorded_times import TopicTimes, read_times
 from r2bspec.bags.recording import BagIndex, TimeWindow, TopicInfo
-from r2bspec.diagnostics.quote import pluralize
 from r2bspec.interop.spec_text import Block, document, identifier, unique_name
-from r2bspec.judge.statistics.rule_of_three import min_sample_size
-from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.names import MESSAGE_TYPE, TOPIC
-from r2bspec.language.quantities import Duration
 from r2bspec.plan.installed_interfaces import installed_fields
-from r2bspec.plan.interim_looks import InterimLooks
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import read_companion_files
 from r2bspec.plan.wiring.wiring import PhaseWiring
 
 _COMMON = frozenset({"/rosout", "/parameter_events", "/tf", "/tf_static", "/clock"})
-_TRANSFORMS = {"/tf": "publish_tf", "/tf_static": "publish_tf_static"}
+TRANSFORMS = {"/tf": "publish_tf", "/tf_static": "publish_tf_static"}
 """The keys with which recorded transforms are published."""
-_LONGEST_WINDOW_NS = 10_000_000_000
+LONGEST_WINDOW_NS = 10_000_000_000
 _MOST_MONITORS = 10
 _MOST_FIELDS = 8
-_ITERATIONS = 10
-_SHORTEST_ITERATION_S = 2.5
-_LONGEST_ITERATION_S = 10.0
-_LOST_PERCENT = (1, 5, 10)
-"""Shares of lost messages that are proposed: the first that the messages of a run can confirm."""
 _ENOUGH_FOR_RATE = 10
 """With so many messages in the window, their rate is that of the input."""
-_LOADED = "recorded"
 _OFFERED = r"^(?!lifecycle_msgs/)\w+/(srv|action)/\w+$"
 """Types of services and actions that are a node's own."""
 
@@ -102,14 +88,14 @@ class DraftRecording:
     def used(self) -> TimeWindow:
         """The part that a spec uses."""
         start_ns = self.window.start_ns if self.window else 0
-        last_ns = self.index.duration_ns - _LONGEST_WINDOW_NS
+        last_ns = self.index.duration_ns - LONGEST_WINDOW_NS
         if last_ns > 0:
             if self.needed_ns >= last_ns:
                 end_ns = self.window.end_ns if self.window else None
                 return TimeWindow(start_ns=start_ns + last_ns, end_ns=end_ns)
-            if self.needed_ns >= _LONGEST_WINDOW_NS:
+            if self.needed_ns >= LONGEST_WINDOW_NS:
                 start_ns += self.needed_ns
-            return TimeWindow(start_ns=start_ns, end_ns=start_ns + _LONGEST_WINDOW_NS)
+            return TimeWindow(start_ns=start_ns, end_ns=start_ns + LONGEST_WINDOW_NS)
         return self.window or TimeWindow()
 
     def times(self, topics: Mapping[str, TopicInfo]) -> dict[str, TopicTimes]:
@@ -210,7 +196,7 @@ class Draft:
 
     def _wiring(self) -> PhaseWiring:
         """Return what is known of the nodes, from a spec that has nothing else."""
-        top = self._head()
+        top = self.head()
         top.add("containers", self.nodes.containers)
         top.add("playback", {"mode": "live"})
         top.add("graph", Block.of({"nodes": self.nodes.nodes}))
@@ -335,7 +321,7 @@ class Draft:
         """Publish the recorded transforms that nodes read and no node publishes."""
         endpoints = [each for each in self.measured.endpoints if each.is_node]
         published = {endpoint.topic for endpoint in endpoints if endpoint.is_publisher}
-        needed = _TRANSFORMS.keys() & {endpoint.topic for endpoint in endpoints} - published
+        needed = TRANSFORMS.keys() & {endpoint.topic for endpoint in endpoints} - published
         recorded = self.recording.index.topics.values() if self.recording else ()
         there = {f"/{topic.name.lstrip('/')}" for topic in recorded if topic.count}
         self.transforms = sorted(needed & there)
@@ -343,9 +329,9 @@ class Draft:
             self.unknown.append(
                 f"what publishes {' and '.join(sorted(needed))}, which a node reads"
             )
-        possible = sorted(_TRANSFORMS.keys() & there - needed - published)
+        possible = sorted(TRANSFORMS.keys() & there - needed - published)
         if possible and self.measured.possible_subscribers:
-            keys = " and ".join(f"'{_TRANSFORMS[topic]}: true'" for topic in possible)
+            keys = " and ".join(f"'{TRANSFORMS[topic]}: true'" for topic in possible)
             self.unknown.append(f"whether the nodes need the recorded transforms: {keys}")
 
     def _topics(self, *, is_publisher: bool) -> dict[str, str]:
@@ -397,7 +383,7 @@ class Draft:
         names: set[str] = set()
         for offered, kind in list(self._offered().items())[:_MOST_MONITORS]:
             key, end = ("action", "_Goal") if "/action/" in kind else ("service", "_Request")
-            named = self._own(offered)
+            named = self.own_name(offered)
             fields = list((installed_fields(f"{kind}{end}") or {}).items())
             shown = ", ".join(f"{name} ({type_name})" for name, type_name in fields[:_MOST_FIELDS])
             shown += ", ..." if len(fields) > _MOST_FIELDS else ""
@@ -408,7 +394,8 @@ class Draft:
             called = Block.of({key: {"name": named, "type": kind}})
             self.calls.add(unique_name(identifier(named), names), called, above if shown else [])
 
-    def _head(self) -> Block:
+    def head(self) -> Block:
+        """Return the first keys of the spec."""
         top = Block.of({"r2bspec": 1, "name": self.name})
         if self.nodes.is_absolute:
             top.add(
@@ -418,155 +405,10 @@ class Draft:
         top.add("variables", Block.of(self.nodes.variables))
         return top
 
-    def _own(self, topic: str) -> str:
+    def own_name(self, topic: str) -> str:
         """Return a topic as the spec writes it: relative where that is the same."""
         inside = f"{self.namespace}/"
         return topic.removeprefix(inside) if topic.startswith(inside) else topic
-
-    def text(self, sources: list[str]) -> str:
-        """Return the spec, with comments about the unknown parts.
-
-        Args:
-            sources: what it was made from, for the comment at its head.
-        """
-        top = self._head()
-        if self.recording is not None:
-            top.add("data_loader", self._data_loader(self.recording))
-        top.add("containers", self.nodes.containers)
-        top.add("playback", self._playback())
-        top.add("graph", Block.of({"nodes": self.nodes.nodes}))
-        names: set[str] = set()
-        monitors = Block()
-        for topic, kind in self.outputs.items():
-            entry = Block.of({"topic": self._own(topic), "format": kind})
-            if begins_with_header(kind) is False:
-                entry.add("match", "order", after="its messages have no header")
-            name = unique_name(identifier(self._own(topic).strip("/~")), names)
-            monitors.add(name if name[0].isalpha() else f"m{name}", entry)
-        top.add("monitors", monitors)
-        top.add("benchmark", self._benchmark())
-        top.add("slos", self._objectives([each.key for each in monitors.entries]))
-        if self.recording is not None and self.outputs:
-            top.below.append(
-                "After a run, 'r2bspec judge RUN --suggest SPEC' proposes limits for latency."
-            )
-        head = [f"Written by 'r2bspec init' from {', '.join(sources)}."]
-        if self.unknown:
-            head += [
-                "",
-                "Not known:",
-                *(f"- {sentence}" for sentence in dict.fromkeys(self.unknown)),
-            ]
-        return document(top, head)
-
-    def _data_loader(self, recording: DraftRecording) -> Block:
-        block = Block.of({"bag": recording.written})
-        seconds = recording.index.duration_ns / 1e9
-        above = ["Most of the recording lies on this side of a gap."] if recording.window else []
-        used = recording.used
-        if used.end_ns is not None and recording.index.duration_ns > _LONGEST_WINDOW_NS:
-            above += [f"The recording has {seconds:.1f} s; messages of the window are in memory."]
-        if used != TimeWindow():
-            end_of = {} if used.end_ns is None else {"end": str(Duration(used.end_ns))}
-            block.add("window", {"start": str(Duration(used.start_ns)), **end_of}, above)
-        topics = Block()
-        for each in dict.fromkeys(self.inputs.values()):
-            topics.add(f"/{each.name.lstrip('/')}", _loaded(each), after=_described(each))
-        loaded = {input_.name for input_ in self.inputs.values()}
-        loaded |= {name for topic in self.transforms for name in (topic, topic.lstrip("/"))}
-        others = [topic for topic in recording.index.topics.values() if topic.name not in loaded]
-        above = ["Also recorded:", *(f"  {other.name} ({other.type_text})" for other in others)]
-        block.add("topics", topics, above if others else [])
-        for topic in self.transforms:
-            block.add(_TRANSFORMS[topic], True, after="a node reads them")
-        return block
-
-    def _playback(self) -> Block:
-        block = Block.of({"calls": self.calls})
-        if self.calls and not self.inputs:
-            return block
-        if self.recording is None:
-            above = ["Without a recording, the graph has a source of its own (or use --from-bag)."]
-            block.add("mode", "live", above)
-        elif self._uses_clock():
-            block.add("clock", True, after="a node has 'use_sim_time: true'")
-        inputs = Block()
-        for topic, recorded in self.inputs.items():
-            entry = {"from": _loaded(recorded), "format": recorded.type}
-            keys = self.keys[topic]
-            # What is published once is reliable and transient local in any case.
-            profile = {} if keys.get("rate") == "once" else self._profile(topic, recorded)
-            inputs.add(self._own(topic), {**entry, **({"qos": profile} if profile else {}), **keys})
-        block.add("inputs", inputs)
-        return block
-
-    def _uses_clock(self) -> bool:
-        """Return True if a node waits for /clock, which no node publishes."""
-        nodes = self.measured.nodes
-        is_set = any(node.parameters.get("use_sim_time") is True for node in nodes)
-        return is_set and not self.measured.publishers("/clock")
-
-    def _profile(self, topic: str, recorded: TopicInfo) -> dict[str, object]:
-        """Return what of the quality of service of an input is no default."""
-        asked = [end.qos for end in self.measured.subscriptions(topic) if end.qos is not None]
-        offered = offered_profile(recorded.qos)
-        written = input_qos(offered, asked)
-        if offered is not None and offered.reliability != written.get("reliability", "reliable"):
-            self.unknown.append(
-                f"why {topic} was recorded as {offered.reliability}: a node requests it reliable"
-            )
-        return written
-
-    def _rate_hz(self) -> float:
-        rate_hz = self.inputs[self.lead].rate_hz if self.lead else 0.0
-        return float(f"{rate_hz:.3g}") if rate_hz > 0 else 10.0
-
-    def _effort(self) -> tuple[float, int]:
-        """The seconds of an iteration, and the lost messages in percent that a run can confirm."""
-        rate_hz = self._rate_hz()
-        seconds = _SHORTEST_ITERATION_S
-        looks = InterimLooks.planned(_ITERATIONS, default_starts(_ITERATIONS))
-        confidence = looks.confidence_at(len(looks))
-        for percent in _LOST_PERCENT:
-            needed = min_sample_size(percent / 100, confidence) or 1
-            # Whole messages in each iteration, in steps of half a second.
-            in_each = math.ceil(needed / _ITERATIONS)
-            seconds = max(_SHORTEST_ITERATION_S, math.ceil(2 * in_each / rate_hz) / 2)
-            if seconds <= _LONGEST_ITERATION_S:
-                return seconds, percent
-        return seconds, _LOST_PERCENT[-1]
-
-    def _benchmark(self) -> Block:
-        block = Block()
-        has_rate = self.recording is not None or bool(self.calls)
-        seconds, percent = self._effort() if has_rate else (_SHORTEST_ITERATION_S, 0)
-        is_long = seconds > _SHORTEST_ITERATION_S
-        above = [f"Long enough to confirm that at most {percent} % are lost."] if is_long else []
-        block.add("duration", f"{seconds:g} s", above)
-        block.add("iterations", _ITERATIONS)
-        if has_rate:
-            of_calls = "How often it is called, whether or not earlier calls are answered."
-            above = ["The rate of the recording." if self.inputs else of_calls]
-            block.add("rates", [f"{self._rate_hz():g} Hz"], above)
-        return block
-
-    def _objectives(self, monitors: list[str]) -> Block | None:
-        _, percent = self._effort()
-        has_load = self.recording is not None or self.calls
-        if not has_load or "/rosout" in self.outputs:
-            return None
-        rate = f"{self._rate_hz():g} Hz"
-        # Of several outputs the first: the others may not answer each input.
-        calls = [entry.key for entry in self.calls.entries]
-        named = calls or (monitors[:1] if len(monitors) > 1 else [])
-        required = f"drop_rate <= {percent} %"
-        requirements = [f"{prefix}{required}" for prefix in [f"{name}." for name in named] or [""]]
-        objective = Block.of({"at": rate})
-        above = []
-        if not calls:
-            above = ["'r2bspec gate' also judges: work.graph.p50 <= 105 % of baseline"]
-        objective.add("require", requirements, above)
-        return Block.of({"keeps_up": objective})
 
 
 def _data_topics(recording: DraftRecording | None) -> list[TopicInfo]:
@@ -584,14 +426,3 @@ def _data_topics(recording: DraftRecording | None) -> list[TopicInfo]:
 def _words(topic: str) -> set[str]:
     """Return the words of a topic's name: of ``left/image_rect`` left, image and rect."""
     return set(re.split(r"[/_]", topic.lower())) - {""}
-
-
-def _loaded(topic: TopicInfo) -> str:
-    return f"{_LOADED}/{topic.name.lstrip('/')}"
-
-
-def _described(topic: TopicInfo) -> str:
-    size = topic.max_message_bytes
-    shown = f", at most {size:,} bytes" if size else ""
-    rate = f"{topic.rate_hz:.4g} Hz, " if topic.rate_hz else ""
-    return f"{rate}{pluralize(topic.count, 'message')}{shown}"

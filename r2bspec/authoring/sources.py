@@ -1,7 +1,7 @@
 """First specs from what a person has: a recording, a launch file, a node, a running system.
 
 Each source adds nodes to a draft, and notes what it does not tell; the recording adds the inputs.
-`draft_spec` writes the spec, `launch_source` reads launch files; nothing is executed. Nodes of the
+`draft_text` writes the spec, `launch_source` reads launch files; nothing is executed. Nodes of the
 running ROS graph are external nodes of a spec, because a graph does not tell how they are started.
 """
 
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from r2bspec.authoring.draft_spec import Draft, DraftNodes, DraftRecording
+from r2bspec.authoring.draft_text import draft_text
 from r2bspec.authoring.launch_source import add_launch_nodes, find_launch_file
 from r2bspec.bags.recorded_parts import find_parts
 from r2bspec.bags.recorded_times import times_of_bag
@@ -105,7 +106,7 @@ def spec_from_sources(name: str, folder: Path, sources: InitSources) -> FirstSpe
     if recording is not None:
         shown.append(f"the recording {recording.written}")
     spec = Draft(name, draft, recording, folder)
-    return FirstSpec(spec.text(shown), spec.lacks_topics, findings)
+    return FirstSpec(draft_text(spec, shown), spec.lacks_topics, findings)
 
 
 def find_node(wanted: str, folder: Path) -> str:

@@ -17,6 +17,7 @@ from launch_specs import stored
 from nightly import sampled
 from r2bspec.api import compile_plan, load, validate
 from r2bspec.authoring.draft_spec import Draft, DraftNodes
+from r2bspec.authoring.draft_text import draft_text
 from r2bspec.authoring.sources import add_graph_nodes
 from r2bspec.cli.main import main
 from transform_bags import write_transform_bag
@@ -193,7 +194,7 @@ def test_a_graph() -> None:
         graph_node("detector", "/other"),
     ]
     add_graph_nodes(draft, nodes)
-    Path("made.r2b.yaml").write_text(Draft("made", draft, None, Path()).text(["a graph"]))
+    Path("made.r2b.yaml").write_text(draft_text(Draft("made", draft, None, Path()), ["a graph"]))
     assert [each for each in validate(Path("made.r2b.yaml")) if each.severity == "error"] == []
     text = Path("made.r2b.yaml").read_text()
     assert re.search(r"/other/detector shares its name", text)
