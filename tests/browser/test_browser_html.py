@@ -175,16 +175,3 @@ def point_at_the_middle(page: Page, place: float = 1 / 4) -> None:
         f"({place})"
     )
     page.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
-
-
-def test_a_screen_reader_finds_names(browser: Chromium, server: Server) -> None:
-    with browser.page(address(server)) as page:
-        page.call("Accessibility.enable")
-        nodes = page.call("Accessibility.getFullAXTree")["nodes"]
-        by_role: dict[str, list[str]] = {}
-        for node in nodes:
-            name = str(node.get("name", {}).get("value", ""))
-            by_role.setdefault(str(node.get("role", {}).get("value")), []).append(name)
-        for role in ("image", "table", "button", "heading", "region"):
-            assert by_role[role], role
-            assert all(by_role[role]), role

@@ -10,7 +10,6 @@ import pytest
 import yaml
 
 from ament_packages import install_package
-from command_line import Call
 from data_bags import text, write_bag
 from golden import compare
 from launch_specs import stored
@@ -150,25 +149,6 @@ def test_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
     install_package(prefix, "cell", {"launch/two.launch.py": PYTHON})
     assert main(["init", "made", "--from-launch", "cell"]) == 2
     made("--from-launch", "cell:two.launch.py")
-
-
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        ("import os\nx = (1\n", "a.launch.py:2: invalid Python: '(' was never closed"),
-        ("import os\n\nos.nothing\n", "a.launch.py:3: AttributeError: module 'os' has no"),
-        ("raise SystemExit(3)\n", "a.launch.py:1: SystemExit: 3"),
-        ("import os\nos._exit(3)\n", "a.launch.py:1: it ends its process with status 3"),
-        ("class Core:\n    pass\n", "a.launch.py:1: the file has no generate_launch_description"),
-    ],
-)
-def test_broken_launch_files(content: str, said: str, call: Call) -> None:
-    """The message has the line of the file, and no stack trace."""
-    Path("a.launch.py").write_text(content)
-    error = call("init", "made", "--from-launch", "a.launch.py", status=2).err
-    assert said in error
-    assert "Traceback" not in error
-    assert not Path("made.r2b.yaml").exists()
 
 
 def graph_node(name: str, namespace: str = "/", **more: Any) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 import pytest
 import yaml
 
-from data_bags import START_NS, write_mcap
+from data_bags import START_NS
 from nightly import sampled
 from r2bspec.authoring.sources import InitSources, spec_from_sources
 from r2bspec.bags import recorded_times
@@ -19,7 +19,6 @@ from r2bspec.check import check
 from r2bspec.errors import UsageError
 from r2bspec.language.load_spec import load_spec
 from recorded_inputs import (
-    CLOCK,
     IMAGE,
     IMU,
     MAP,
@@ -197,53 +196,10 @@ def test_a_first_spec_plays_a_recording_as_it_is(
     assert first.spec["slos"]["keeps_up"]["at"] == case.rate
 
 
-@pytest.mark.parametrize("encoding", ["json", "ros1"])
-def test_a_topic_that_is_not_cdr_is_not_loaded(tmp_path: Path, encoding: str) -> None:
-    rows = [(row.topic, row.time_ns - START_NS, row.data) for row in SCANS]
-    write_mcap(tmp_path / "bag.mcap", rows, encoding=encoding, kind=SCAN)
-    first = first_spec(tmp_path, node(*_SCAN_NODE), "./bag.mcap")
-    assert f"the recording has /scan as {encoding}, which cannot be played" in first.text
-    assert first.findings == []
-    write_mcap(tmp_path / "bag.mcap", rows, kind=SCAN)
-    first = first_spec(tmp_path, node(*_SCAN_NODE), "./bag.mcap")
-    assert (first.inputs, first.findings) == ({"scan": {}}, [])
-    write_mcap(tmp_path / "bag.mcap", rows, encoding=encoding, kind=SCAN)
-    assert found(tmp_path, first.text)[0] == [("R2B306", "error")]
-
-
 def test_a_recording_without_messages_is_refused(tmp_path: Path) -> None:
     record(tmp_path / "bag", [])
     with pytest.raises(UsageError, match="has no messages"):
         first_spec(tmp_path, node(*_SCAN_NODE))
-
-
-@pytest.mark.parametrize("inputs", ["a timeline", "of another rate"])
-def test_a_clock_that_is_ahead_is_named_where_nothing_is_paired(
-    tmp_path: Path, inputs: str
-) -> None:
-    case = CASES["two machines" if inputs == "a timeline" else "two machines, different rates"]
-    record(tmp_path / "bag", case.rows)
-    text = first_spec(tmp_path, node(*case.subscriptions)).text
-    text = re.sub(r", clock_ahead: [0-9.]+ s", "", text)
-    if inputs == "a timeline":
-        text = text.replace("playback:", "playback:\n  mode: timeline")
-        text = text.replace("  rates: [10 Hz]", "").replace("    at: 10 Hz", "")
-    findings, messages = found(tmp_path, text)
-    assert ("R2B327", "warning") in findings
-    ahead = "5 s" if inputs == "a timeline" else "2 s"
-    assert f"write 'clock_ahead: {ahead}'" in messages
-
-
-def test_a_map_is_played_from_before_the_window(tmp_path: Path) -> None:
-    rows = series("/map", MAP, 1, 10) + series("/scan", SCAN, 40, 10, start_ns=START_NS + S)
-    record(tmp_path / "bag", rows)
-    first = first_spec(tmp_path, node(("map", MAP, "keep", "10"), *_SCAN_NODE))
-    windowed = first.text.replace("  topics:", "  window: {start: 2 s}\n  topics:", 1)
-    assert found(tmp_path, windowed)[0] == []
-    stepped = windowed.replace(", rate: once", "")
-    findings, messages = found(tmp_path, stepped)
-    assert ("R2B321", "error") in findings
-    assert "'rate: once'" in messages
 
 
 def test_a_timeline_whose_steps_never_have_all_inputs_is_refused(tmp_path: Path) -> None:
@@ -283,24 +239,6 @@ def test_a_profile_in_the_source_is_compared_with_what_is_played(
     findings, messages = found(tmp_path, volatile.replace(", qos: {", ", qos: {}"))
     assert findings == [("R2B216", "error")]
     assert "requests durability 'transient_local'" in messages
-
-
-@pytest.mark.parametrize("edit", ["inputs", "publisher", "clock"])
-def test_clock_has_one_publisher_of_the_time_of_the_stamps(tmp_path: Path, edit: str) -> None:
-    rows = series("/scan", SCAN, 40, 10) + series("/clock", CLOCK, 400, 100)
-    record(tmp_path / "bag", rows)
-    text = first_spec(tmp_path, node(*_SCAN_NODE)).text
-    if edit != "publisher":
-        played = "/clock: {from: recorded/clock, format: rosgraph_msgs/msg/Clock, rate: recorded}"
-        text = text.replace("  topics:\n", "  topics:\n    /clock: recorded/clock\n", 1)
-        text = text.replace("  inputs:\n", f"  inputs:\n    {played}\n", 1)
-    else:
-        publishes = "publishes: {/clock: rosgraph_msgs/msg/Clock}"
-        other = f"    other: {{command: [sh, ./x.sh], {publishes}}}\n"
-        text = text.replace("  nodes:\n", f"  nodes:\n{other}", 1)
-    if edit != "inputs":
-        text = text.replace("playback:\n", "playback:\n  clock: true\n", 1)
-    assert ("R2B243", "error") in found(tmp_path, text)[0]
 
 
 @pytest.mark.parametrize("at_s", [15, 29.9])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -110,18 +109,6 @@ def test_is_made_once(small: SyntheticDataset) -> None:
     assert not again.made
     assert (again.path, again.content_sha256) == (small.path, small.content_sha256)
     assert hash_content(small.path) == small.content_sha256
-
-
-def test_is_the_same_in_another_process_on_one_processor(
-    small: SyntheticDataset, tmp_path: Path
-) -> None:
-    allowed = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(allowed)})
-    try:
-        process = maker(tmp_path, topics=TOPICS)
-    finally:
-        os.sched_setaffinity(0, allowed)
-    assert outcome(process) == {"made": True, "sha256": small.content_sha256}
 
 
 def test_every_machine_renders_the_same_bytes(storage_room: SyntheticDataset) -> None:

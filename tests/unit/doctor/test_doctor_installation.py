@@ -71,13 +71,6 @@ def test_a_middleware_that_is_not_installed_is_named_with_a_way_out() -> None:
     assert check.advice == f"rmw_absent_cpp is not installed: install it, or unset {RMW_VARIABLE}"
 
 
-def test_two_distributions_at_once_are_warned_of(here: Callable[..., None]) -> None:
-    here(rclpy(), wheels=("ros-jazzy-rclpy",))
-    check = by_name(ROS_DISTRO="humble", AMENT_PREFIX_PATH="/opt/ros/humble")["distributions"]
-    assert check.status == "warn"
-    assert "mixed" in check.advice
-
-
 def test_middleware_that_transports_cannot_configure_is_warned_of(
     here: Callable[..., None], tmp_path: Path
 ) -> None:

@@ -84,12 +84,6 @@ def test_processes_whose_controller_and_watchdog_are_gone_are_orphans(system: Sy
     assert orphans(system) == [200, 201]
 
 
-def test_the_watchdog_of_a_killed_controller_is_still_at_work(system: System) -> None:
-    watchdog(system, 101, "run-1")
-    process(system, 102, "player", run_id="run-1")
-    assert orphans(system) == []
-
-
 def test_a_run_whose_watchdog_was_killed_lives_as_long_as_its_controller(system: System) -> None:
     process(system, 100, "python3", "-m", "r2bspec", "run")
     process(system, 102, "player", parent=100, run_id="run-1")

@@ -48,20 +48,6 @@ async def test_columns_are_those_of_the_editor(document: OpenDocument) -> None:
     assert text.decode("utf-16-le") == "form"
 
 
-async def test_a_parent_counts_as_it_is_in_the_editor(document: OpenDocument, folder: Path) -> None:
-    base = folder / "parent.yaml"
-    base.write_text("variables: {rate: 10 Hz}\n")
-    text = changed("  rate: 10 Hz\n", "").replace("name:", "extends: parent.yaml\nname:")
-    await document.write(text)
-    assert document.worse() == []
-    parent = OpenDocument(document.client, base)
-    parent.change("variables: {rate: 10 Hz, rate: 5 Hz}\n")
-    while not document.client.diagnostics.get(parent.uri):
-        await document.client.wait_for_notification(types.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
-    assert "rate" in document.client.diagnostics[parent.uri][0].message
-    parent.close()
-
-
 async def test_an_interface_counts_as_it_is_in_the_editor(
     document: OpenDocument, folder: Path
 ) -> None:

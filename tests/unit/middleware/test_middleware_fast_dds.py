@@ -114,21 +114,6 @@ def test_what_is_older_than_the_run_stays(memory: Path) -> None:
     assert "fastrtps_older" in names(memory)
 
 
-def test_what_is_not_the_middlewares_stays(memory: Path) -> None:
-    for name in (
-        "lttng-ust-wait-6",
-        "sem.mine",
-        "psm_1234",
-        "my_fastrtps_el",
-        "fastrtps_port7000_sl",
-    ):
-        (memory / name).touch()
-    before = names(memory)
-    # Readers that share a port hold NAME_sl; they map NAME and never NAME_sl.
-    assert MIDDLEWARE.remove_dead_shm_files(memory) == []
-    assert names(memory) == before
-
-
 def test_files_of_another_user_stay(memory: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make(memory, "fastrtps_0123")
     make(memory, "fastrtps_4567", lock=False)

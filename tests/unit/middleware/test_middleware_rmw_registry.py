@@ -18,9 +18,7 @@ from r2bspec.middleware.middleware import (
     inherited_variables,
     known_middlewares,
     middleware_named,
-    middleware_of,
     refuse_transport,
-    selected_rmw,
 )
 
 ROOT = Path(__file__).parents[3]
@@ -31,23 +29,6 @@ EVERY_ONE = pytest.mark.parametrize(
     [*known_middlewares(), middleware_named("rmw_zenoh_cpp")],
     ids=lambda middleware: middleware.name,
 )
-
-
-@pytest.mark.parametrize(
-    ("rmw", "name"),
-    [
-        ("rmw_fastrtps_cpp", "Fast DDS"),
-        ("rmw_fastrtps_dynamic_cpp", "Fast DDS"),
-        ("rmw_cyclonedds_cpp", "Cyclone DDS"),
-        ("rmw_zenoh_cpp", "rmw_zenoh_cpp"),
-        ("rmw_fastrtps_of_the_future_cpp", "rmw_fastrtps_of_the_future_cpp"),
-    ],
-)
-def test_the_variable_selects_a_middleware(rmw: str, name: str) -> None:
-    environ = {"RMW_IMPLEMENTATION": rmw}
-    assert selected_rmw(environ) == rmw
-    assert middleware_of(environ).name == name
-    assert rmw in middleware_of(environ).implementations
 
 
 @pytest.fixture

@@ -51,12 +51,6 @@ def test_projected_points_move_with_the_pixels() -> None:
     assert after[:2] / after[2] == pytest.approx([(u + 0.5) * 0.5 - 0.5, (v + 0.5) * 0.9 - 0.5])
 
 
-def test_binning_is_a_resize() -> None:
-    binned, resized = camera_info(binning_x=2, binning_y=2), camera_info()
-    camera.scale(resized, 0.5, 0.5)
-    np.testing.assert_allclose(camera.matrix(binned).ravel(), resized.k)
-
-
 def test_an_uncalibrated_camera_stays_so_and_is_refused() -> None:
     info = camera_info(k=[0.0] * 9, p=[0.0] * 12)
     camera.scale(info, 0.5, 0.5)

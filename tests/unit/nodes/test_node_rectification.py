@@ -71,17 +71,6 @@ def test_each_pixel_shows_what_the_camera_saw_along_its_ray(axis: int) -> None:
         assert np.abs(seen_at(wrong)[axis] - expected[axis])[inside].max() > 1
 
 
-def test_what_the_camera_did_not_see_is_black() -> None:
-    white = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
-    target = np.empty_like(white)
-    camera.rectify(white, camera_info(r=turned(25.0).ravel()), target)
-    across, down = seen_at(camera_info(r=turned(25.0).ravel()))
-    outside = (across < -1) | (across > WIDTH) | (down < -1) | (down > HEIGHT)
-    assert outside.any()
-    assert not target[outside].any()
-    assert target[HEIGHT // 2, WIDTH // 2].tolist() == [255, 255, 255]
-
-
 def test_the_rectified_camera_has_no_distortion_and_keeps_the_baseline() -> None:
     info = camera_info()
     camera.rectified(info, WIDTH, HEIGHT)

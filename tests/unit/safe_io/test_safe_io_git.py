@@ -42,16 +42,6 @@ def test_a_folder_without_a_repository_or_a_commit_has_none(tmp_path: Path) -> N
     assert state_of(tmp_path).commit == ""
 
 
-def test_a_linked_work_tree_has_a_commit_of_its_own(top: Path, tmp_path: Path) -> None:
-    linked = tmp_path / "linked"
-    git(top, "worktree", "add", "-q", "-b", "side", str(linked))
-    own = commit(linked, {"node.py": "a = 5\n"})
-    assert (linked / ".git").is_file()
-    assert state_of(linked) == WorkTreeState(own, ())
-    assert own != state_of(top).commit
-    assert find_work_tree(linked / "bench") == linked
-
-
 @pytest.mark.parametrize("content", ["gitdir: nowhere\n", "rubbish"])
 def test_a_damaged_repository_is_unknown(tmp_path: Path, content: str) -> None:
     (tmp_path / ".git").write_text(content)
