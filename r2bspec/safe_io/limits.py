@@ -30,14 +30,10 @@ MAX_EXTENDS_DEPTH: Final = 20
 """Files, each of which extends the next."""
 MAX_SPEC_ENTRIES: Final = 5_000
 """Nodes, inputs, monitors or topics: far above every real spec."""
-MAX_REQUIREMENTS: Final = 10_000
-"""Of all objectives together."""
 MAX_RANGE_RATES: Final = 1_000
 """Of a range of rates."""
 MAX_CASES: Final = 1_000
 """Of the matrix of a document."""
-MAX_CASE_VALUES: Final = 100_000
-"""Of all cases together: each is a document of its own."""
 MAX_CASE_NAME_CHARACTERS: Final = 200
 """A part of the names of files."""
 MAX_PARAMETER_SOURCES: Final = 100
@@ -110,5 +106,3 @@ MAX_FLEET_ARCHIVE_BYTES: Final = 2 << 30
 """Unpacked: of the files of a spec, or of a run folder. It travels as one message."""
 MAX_FLEET_ARCHIVE_FILES: Final = 20_000
 """A folder that a command names may be a whole workspace."""
-MAX_RUN_FOLDER_LEVELS: Final = 100
-"""Folders inside each other in a run folder; what is deeper was left there by a node."""

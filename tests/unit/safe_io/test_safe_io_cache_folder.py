@@ -72,6 +72,7 @@ def test_a_dataset_is_not_made_where_it_would_be_gone_after_the_call(
     cache = kept.with_name(CACHE_KIND)
     cache.mkdir(parents=True)
     cache.chmod(0o777)
-    assert main(["data", "make", "r2b_storage", "--topics", "/d455_1_imu", "--end", "20 ms"]) == 2
+    words = ["--topics", "/d455_1_imu", "--window", "0 s:20 ms"]
+    assert main(["data", "make", "r2b_storage", *words]) == 2
     said = capsys.readouterr()
     assert f"the cache {cache} cannot keep a dataset: other users can write to {cache}" in said.err
