@@ -20,7 +20,7 @@ from r2bspec.bags.recording import BagIndex, TimeWindow, TopicInfo
 from r2bspec.interop.spec_text import Block, document, identifier, unique_name
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.names import MESSAGE_TYPE, TOPIC
-from r2bspec.plan.installed_interfaces import installed_fields
+from r2bspec.plan.installed_packages import installed_fields
 from r2bspec.plan.wiring.build_wiring import build_wiring
 from r2bspec.plan.wiring.companion_files import read_companion_files
 from r2bspec.plan.wiring.wiring import PhaseWiring

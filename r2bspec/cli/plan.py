@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 @options.spec_argument
 @click.option(
     "--graph",
-    type=click.Choice(["mermaid", "dot", "html"]),
-    help="Print a drawing instead, for Markdown (mermaid), Graphviz (dot) or a browser (html).",
+    type=click.Choice(["mermaid", "html"]),
+    help="Print a drawing instead, for Markdown (mermaid) or a browser (html).",
 )
 @click.option(
     "--diff",
@@ -75,10 +75,10 @@ def command(
 
 
 def _render(plan: Plan, graph: str | None) -> bytes:
-    if graph in {"mermaid", "dot"}:
-        from r2bspec.plan.drawing import to_dot, to_mermaid
+    if graph == "mermaid":
+        from r2bspec.plan.drawing import to_mermaid
 
-        return (to_dot if graph == "dot" else to_mermaid)(plan).encode()
+        return to_mermaid(plan).encode()
     if graph == "html":
         from r2bspec.report.format_registry import GRAPH_PAGE, check_installed, load
 

@@ -195,13 +195,6 @@ def _check_decimal_percentile(text: str, metric: str, found: re.Match[str]) -> N
     )
 
 
-def _parse_quantity(kind: type[_Q], text: str, column: int) -> _Q:
-    try:
-        return kind.parse(text)
-    except QuantityError as error:
-        raise ComparisonError(str(error), column, error.suggestion or kind.example) from None
-
-
 def _parse_bound(text: str, column: int) -> Bound:
     if not text:
         raise ComparisonError("missing bound", column, "50 ms")

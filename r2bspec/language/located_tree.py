@@ -137,18 +137,6 @@ def replace_at(
     return MapNode(entries, root.span if isinstance(root, MapNode) else made_at[0])
 
 
-def count_values(root: TreeNode) -> int:
-    """Return the number of values of a tree, counting those of an alias each time."""
-    counts: dict[int, int] = {}
-
-    def count(node: TreeNode) -> int:
-        if id(node) not in counts:
-            counts[id(node)] = 1 + sum(count(below) for _, below in children(node))
-        return counts[id(node)]
-
-    return count(root)
-
-
 def without(node: MapNode, key: str) -> MapNode:
     """Return the map without a key."""
     entries = {name: entry for name, entry in node.entries.items() if name != key}

@@ -221,14 +221,7 @@ class Resolver:
                     "declared variables",
                     f"declare it: 'variables: {{{name}: ...}}' at the top of the document",
                 )
-                close = did_you_mean(name, declared)
-                related = (
-                    (Related(f"'{close}' is declared here", declared[close].key_span),)
-                    if close
-                    else ()
-                )
-                message = f"unknown variable '{name}'"
-                self.problems.error("R2B120", message, span, help_text, related=related)
+                self.problems.error("R2B120", f"unknown variable '{name}'", span, help_text)
             return None
         self.used.add(name)
         value = variables.declared_value(declared[name].value)

@@ -30,6 +30,7 @@ from r2bspec.language.spec_benchmark import (
     PlaybackInput,
     StartWaits,
     Transport,
+    Tune,
 )
 from r2bspec.language.spec_graph import (
     AfterReadyStep,
@@ -51,7 +52,6 @@ from r2bspec.language.spec_graph import (
     StartedProcess,
     Variables,
 )
-from r2bspec.language.spec_tune import Tune
 from r2bspec.safe_io.limits import MAX_SPEC_ENTRIES
 
 __all__ = [

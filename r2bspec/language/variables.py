@@ -92,14 +92,11 @@ def _why_malformed(reference: str) -> tuple[str, str]:
     """Return what is wrong with a text that begins like a reference, and the fix."""
     if not reference.endswith(")"):
         return "unclosed '$('", "close it with ')'"
-    word, _, rest = reference[2:-1].strip().partition(" ")
+    word = reference[2:-1].strip().partition(" ")[0]
     if word in ("var", "env"):
         example = "$(var rate)" if word == "var" else "$(env HOME)"
         message = f"$({word} ...) needs one name of letters, digits and underscores"
         return message, f"for example: {example}"
-    if word in ("arg", "param", "optenv") and rest:
-        meant = f"env {rest.split()[0]}" if word == "optenv" else f"var {rest.strip()}"
-        return f"'$({word} ...)' is not supported", f"write $({meant})"
     return (
         "unknown reference; only $(var name) and $(env NAME) are supported",
         "for computed values, let a script write the spec, or pass them with --var",

@@ -11,7 +11,7 @@ from r2bspec.bags.recording import DataError, RecordedMessage, Selection, TopicI
 from r2bspec.bags.storage.storage import (
     EMPTY_FILE,
     DamagedStorageError,
-    decompress_ahead,
+    decompress_message,
     stored_topic,
 )
 from r2bspec.safe_io.safe_file import is_regular, open_regular
@@ -69,9 +69,10 @@ class SqliteStorage:
             " AND timestamp >= ? AND timestamp < ? ORDER BY timestamp, rowid",
             (*topics, first_ns, past_ns),
         )
-        stored = (((topics[number], int(time_ns)), data) for number, time_ns, data in rows)
-        for (topic, time_ns), data in decompress_ahead(stored):
-            yield RecordedMessage(topic=topic, time_ns=time_ns, data=data)
+        for number, time_ns, data in rows:
+            yield RecordedMessage(
+                topic=topics[number], time_ns=int(time_ns), data=decompress_message(data)
+            )
 
     def times(self) -> Iterator[tuple[str, int]]:
         """As `Storage.times`: the pages of a large message that follow its first are not read."""

@@ -8,12 +8,10 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Final, Protocol, TypeVar
+from typing import Final, Protocol
 
 import msgspec
 
@@ -234,12 +232,6 @@ def _reader(path: Path) -> Callable[[Path], Storage]:
     )
 
 
-Key = TypeVar("Key")
-
-_MIN_THREADED_BYTES = 1 << 16
-_MAX_THREADS = 4
-
-
 def decompress_message(data: bytes) -> bytes:
     """Return the CDR of a stored message.
 
@@ -256,31 +248,6 @@ def decompress_message(data: bytes) -> bytes:
             f"a message begins with {data[:4].hex(' ') or 'no bytes'}, which is not CDR"
         )
     return data
-
-
-def decompress_ahead(stored: Iterator[tuple[Key, bytes]]) -> Iterator[tuple[Key, bytes]]:
-    """Yield the CDR of stored messages in their order; large messages are decompressed in threads.
-
-    zstd releases the interpreter lock, so that large messages are decompressed in parallel. Memory
-    is bounded by one message per thread, and one more.
-
-    Raises:
-        ValueError, zstd.ZstdError: as `decompress_message`, at the position of the message.
-    """
-    workers = min(_MAX_THREADS, os.cpu_count() or 1)
-    waiting: deque[tuple[Key, bytes | Future[bytes]]] = deque()
-    with ThreadPoolExecutor(workers) as pool:
-        for key, data in stored:
-            is_large = len(data) >= _MIN_THREADED_BYTES
-            waiting.append((key, pool.submit(decompress_message, data) if is_large else data))
-            if len(waiting) > workers:
-                yield _finished(*waiting.popleft())
-        while waiting:
-            yield _finished(*waiting.popleft())
-
-
-def _finished(key: Key, data: bytes | Future[bytes]) -> tuple[Key, bytes]:
-    return key, data.result() if isinstance(data, Future) else decompress_message(data)
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from r2bspec.check.rule import (
 from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import did_you_mean, quote
 from r2bspec.language.spec import Spec
-from r2bspec.plan.installed_interfaces import installed_types
+from r2bspec.plan.installed_packages import installed_types
 from r2bspec.plan.package_advice import ros_package_advice
 from r2bspec.plan.this_machine import find_module
 from r2bspec.plan.wiring.wiring import PhaseWiring, WiredEndpoint

@@ -15,10 +15,14 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from r2bspec.diagnostics.quote import clip
-from r2bspec.plan.drawing import Arrow, BoxKind, FigureBox, figure
+from r2bspec.plan.drawing import PHASES, Box, BoxKind, arrows_of, drawn_graph
 from r2bspec.plan.plan import Plan
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 _SAMPLES = 40
 _CLEARANCE = 3.0
@@ -217,16 +221,16 @@ def lay_out(
             ``topic NAME``, because a node may have the same name.
         width: in pixels, within which layers are placed beside each other, if one has room.
     """
-    sketch = figure(plan)
+    graph = drawn_graph(plan)
     y, widest = 2.0, 0.0
     frames: list[PhaseFrame] = []
-    placed: dict[str, PlacedBox] = {}
-    groups = [("", sketch.boxes), *((group.id, group.boxes) for group in sketch.groups)]
-    for title, boxes in groups:
-        if not boxes:
+    placed: dict[Box, PlacedBox] = {}
+    for title in ("", *PHASES):
+        inside = graph.subgraph(box for box in graph if box.phase == title)
+        if not inside:
             continue
         top = y + (_TITLE_HEIGHT if title else 0)
-        layers = _layers(boxes, sketch.arrows, annotations, (_MARGIN, width - _MARGIN - 2), top)
+        layers = _layers(inside, annotations, (_MARGIN, width - _MARGIN - 2), top)
         placed |= layers
         right = max(box.right for box in layers.values()) + _MARGIN
         bottom = max(box.bottom for box in layers.values()) + _PADDING
@@ -237,10 +241,10 @@ def lay_out(
     obstacles = [*placed.values(), *(frame.heading for frame in frames)]
     edges = tuple(
         Edge(
-            route(placed[arrow.tail], placed[arrow.head], obstacles, _COLUMN_GAP, _ROW_GAP),
-            arrow.stored,
+            route(placed[tail], placed[head], obstacles, _COLUMN_GAP, _ROW_GAP),
+            stored,
         )
-        for arrow in sketch.arrows
+        for tail, head, stored in arrows_of(graph)
     )
     return Drawing(
         width=widest + 2,
@@ -248,25 +252,22 @@ def lay_out(
         frames=tuple(frames),
         boxes=tuple(placed.values()),
         edges=edges,
-        description=_description(sketch.arrows, placed),
+        description=_description(graph, placed),
     )
 
 
 def _layers(
-    boxes: Sequence[FigureBox],
-    arrows: Sequence[Arrow],
+    graph: nx.DiGraph[Box],
     annotations: Mapping[str, Sequence[str]],
     sides: tuple[float, float],
     top: float,
-) -> dict[str, PlacedBox]:
-    boxes_by_id = {box.id: box for box in boxes}
-    feeds = [(a.tail, a.head) for a in arrows if a.tail in boxes_by_id and a.head in boxes_by_id]
-    layer = _layer_indices([*boxes_by_id], feeds)
-    placed: dict[str, PlacedBox] = {}
+) -> dict[Box, PlacedBox]:
+    layer = _layer_indices(graph)
+    placed: dict[Box, PlacedBox] = {}
     x = sides[0]
     for number in range(max(layer.values()) + 1):
-        column = [box for box in boxes if layer[box.id] == number]
-        column.sort(key=lambda box: _mean_predecessor_y(box.id, feeds, placed))
+        column = [box for box in graph if layer[box] == number]
+        column.sort(key=lambda box: _mean_y([placed[b] for b in graph.pred[box] if b in placed]))
         shown = [_lines(box, annotations.get(_key(box), ())) for box in column]
         width = (
             max(len(text) for lines in shown for text in lines) * _CHARACTER_WIDTH + 2 * _PADDING
@@ -275,46 +276,40 @@ def _layers(
             x, top = sides[0], max(box.bottom for box in placed.values()) + 2 * _ROW_GAP
         y = top
         for box, lines in zip(column, shown, strict=True):
-            placed[box.id] = _place_box(box, lines, x, y, width)
-            y += placed[box.id].height + _ROW_GAP
+            placed[box] = _place_box(box, lines, x, y, width)
+            y += placed[box].height + _ROW_GAP
         x += width + _COLUMN_GAP
     return placed
 
 
-def _layer_indices(names: list[str], feeds: list[tuple[str, str]]) -> dict[str, int]:
+def _layer_indices(graph: nx.DiGraph[Box]) -> dict[Box, int]:
     """Return the layer of each box; the boxes of a cycle share a layer."""
     import networkx as nx
 
-    graph: nx.DiGraph[str] = nx.DiGraph()
-    graph.add_nodes_from(names)
-    graph.add_edges_from(feeds)
     components = nx.condensation(graph)
     # Each in the earliest layer that is after those of all its predecessors.
     return {
-        name: layer
+        box: layer
         for layer, generation in enumerate(nx.topological_generations(components))
         for component in generation
-        for name in components.nodes[component]["members"]
+        for box in components.nodes[component]["members"]
     }
 
 
-def _mean_predecessor_y(
-    name: str, feeds: list[tuple[str, str]], placed: dict[str, PlacedBox]
-) -> float:
-    heights = [placed[tail].y for tail, head in feeds if head == name and tail in placed]
-    return sum(heights) / len(heights) if heights else 0.0
+def _mean_y(boxes: Sequence[PlacedBox]) -> float:
+    return sum(box.y for box in boxes) / len(boxes) if boxes else 0.0
 
 
-def _key(box: FigureBox) -> str:
+def _key(box: Box) -> str:
     name = box.lines[0]
     return f"topic {name}" if box.kind == "topic" else name
 
 
-def _lines(box: FigureBox, annotations: Sequence[str]) -> list[str]:
+def _lines(box: Box, annotations: Sequence[str]) -> list[str]:
     return [clip(line, _MAX_LABEL_CHARACTERS) for line in (*box.lines, *annotations) if line]
 
 
-def _place_box(box: FigureBox, lines: list[str], x: float, y: float, width: float) -> PlacedBox:
+def _place_box(box: Box, lines: list[str], x: float, y: float, width: float) -> PlacedBox:
     named = sum(bool(line) for line in box.lines)
     return PlacedBox(
         kind=box.kind,
@@ -336,8 +331,8 @@ def _place_box(box: FigureBox, lines: list[str], x: float, y: float, width: floa
     )
 
 
-def _description(arrows: Sequence[Arrow], placed: Mapping[str, PlacedBox]) -> str:
-    texts = [f"{placed[a.tail].title} to {placed[a.head].title}" for a in arrows]
+def _description(graph: nx.DiGraph[Box], placed: Mapping[Box, PlacedBox]) -> str:
+    texts = [f"{placed[tail].title} to {placed[head].title}" for tail, head in graph.edges]
     return (
         "Messages go from " + "; from ".join(texts) + "." if texts else "There are no connections."
     )

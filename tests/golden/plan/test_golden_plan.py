@@ -17,7 +17,7 @@ from r2bspec.datasets.catalogue import describe
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.canonical_json import canonical_json
 from r2bspec.plan.compile_plan import compile_plan
-from r2bspec.plan.drawing import to_dot, to_mermaid
+from r2bspec.plan.drawing import to_mermaid
 from r2bspec.plan.plan import Plan
 
 SPEC = Path(__file__).with_name("whole_plan.yaml")
@@ -25,7 +25,6 @@ SUITE = sorted((Path(__file__).parents[3] / "specs" / "suite").glob("*.r2b.yaml"
 FORMS: dict[str, Callable[[Plan], bytes]] = {
     ".json": canonical_json,
     ".mmd": lambda plan: to_mermaid(plan).encode(),
-    ".dot": lambda plan: to_dot(plan).encode(),
 }
 
 

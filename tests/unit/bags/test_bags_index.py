@@ -8,21 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from data_bags import (
-    START_NS,
-    STRING,
-    change_storage,
-    chatter,
-    edit_metadata,
-    refusal_of,
-    storage_file,
-    write_bag,
-)
+from data_bags import START_NS, STRING, chatter, edit_metadata, refusal_of, storage_file, write_bag
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.integrity import verify
-from r2bspec.bags.recording import SUFFIXES, DataError, TopicInfo, merge_topics
+from r2bspec.bags.recording import DataError, TopicInfo, merge_topics
 from r2bspec.cli.main import main
-from r2bspec.language.declaration import rule_at
 
 LFS_POINTER = (
     "version https://git-lfs.github.com/spec/v1\n"
@@ -50,11 +40,6 @@ def test_normalises_types_of_early_ros2(bag: Path) -> None:
 def test_times_are_those_of_the_storage(bag: Path) -> None:
     edit_metadata(bag, str(START_NS), str(START_NS - 7))
     assert index_bag(bag).start_ns == START_NS
-
-
-def test_states_a_foreign_serialization_without_refusing_the_bag(bag: Path) -> None:
-    change_storage(bag, "UPDATE topics SET serialization_format = 'protobuf'")
-    assert index_bag(bag).topics["/ping"].serialization == "protobuf"
 
 
 def refusal(path: Path) -> DataError:
@@ -136,19 +121,6 @@ def test_names_the_files_that_metadata_does_not_name(bag: Path, named: str) -> N
     assert "write metadata.yaml anew for bag.db3" in error.hint
 
 
-def test_files_may_lie_in_a_folder_that_metadata_names(bag: Path) -> None:
-    into_folder(bag)
-    edit_metadata(bag, "bag.db3", "data/bag.db3")
-    assert (index_bag(bag).files, verify(bag)) == (("data/bag.db3",), [])
-
-
-def test_files_that_were_moved_into_a_folder_are_named(bag: Path) -> None:
-    into_folder(bag)
-    assert refusal(bag).hint == f"move the files of {bag / 'data'} to {bag}"
-    (bag / "metadata.yaml").unlink()
-    assert refusal(bag).hint == "name a bag in it: data"
-
-
 @pytest.mark.parametrize("name", ["/bag.db3", "../bag.db3", "bag/bag.db3"])
 def test_files_outside_of_the_folder_are_those_inside(bag: Path, name: str) -> None:
     edit_metadata(bag, "bag.db3", name)
@@ -205,9 +177,3 @@ def test_names_git_lfs_pointers(bag: Path, victim: str) -> None:
     assert error.code == "R2B305"
     assert victim in str(error)
     assert "git lfs pull" in error.hint
-
-
-def test_every_suffix_is_described() -> None:
-    described = rule_at(("data_loader", "bag", "path"))
-    assert described is not None
-    assert all(suffix in described.description for suffix in SUFFIXES.values())

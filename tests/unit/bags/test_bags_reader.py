@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 
-from data_bags import START_NS, change_storage, refusal_of, text, write_bag
+from data_bags import START_NS, change_storage, refusal_of
 from r2bspec.bags.bag_index import index_bag
 from r2bspec.bags.bag_reader import read_messages
 from r2bspec.bags.recording import DataError, TimeWindow
@@ -55,22 +54,3 @@ def test_refuses_a_foreign_serialization_only_where_it_is_named(bag: Path) -> No
     ]
     assert len(read(bag, {"/ping", "/pong"}.difference(foreign))) == 3
     assert refusal_of(read_messages, bag, foreign).code == "R2B306"
-
-
-def test_large_messages_keep_their_order_among_small_ones(tmp_path: Path) -> None:
-    """Those are uncompressed ahead, in threads."""
-    choose = random.Random(5)  # noqa: S311
-    messages = [
-        (
-            "/ping" if number % 3 else "/pong",
-            number * 10_000_000,
-            text(choose.randbytes(100_000).hex() if number % 3 else "small"),
-        )
-        for number in range(20)
-    ]
-    bag = write_bag(tmp_path / "bag", messages, compression="message")
-    assert read(bag) == messages
-    change_storage(bag, "UPDATE messages SET data = substr(data, 1, 70000) WHERE rowid = 12")
-    found = read_messages(bag, ["/ping", "/pong"])
-    assert [next(found).data for _ in range(11)] == [data for _, _, data in messages[:11]]
-    assert refusal_of(next, found).code == "R2B304"

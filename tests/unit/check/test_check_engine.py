@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 from check_specs import codes, findings
@@ -14,10 +13,8 @@ from command_line import Call
 from example_spec import example
 from r2bspec.bags import message_types
 from r2bspec.check.engine import all_rules
-from r2bspec.check.rules.node_settings import parameter_type
 from r2bspec.diagnostics import Severity
 from r2bspec.diagnostics.code_pages import all_pages, find_page
-from r2bspec.diagnostics.quote import quoted_list, suggestion
 from r2bspec.language.load_spec import load_spec
 from r2bspec.report.findings_text import code_with_slug
 
@@ -113,12 +110,6 @@ def test_a_rule_is_named_as_its_page_which_shows_it_in_a_few_lines() -> None:
         assert len(failing ^ passing) <= 14, rule.code
 
 
-def test_every_code_in_the_sources_has_a_page() -> None:
-    sources = [file.read_text(encoding="utf-8") for file in (ROOT / "r2bspec").rglob("*.py")]
-    used = {code for text in sources for code in re.findall(r'"(R2B\d{3})"', text)}
-    assert used - all_pages().keys() == set()
-
-
 def test_every_page_says_what_and_why_and_has_a_slug_of_its_own() -> None:
     pages = all_pages()
     assert len({page.slug for page in pages.values()}) == len(pages)
@@ -146,60 +137,7 @@ def test_the_frequent_types_are_what_rosbags_says() -> None:
     assert message_types.begins_with_header("my_msgs/msg/Thing") is None
 
 
-def test_the_types_of_a_package() -> None:
-    assert "sensor_msgs/msg/Range" in message_types.types_of_same_package("sensor_msgs/msg/Rnage")
-    assert message_types.types_of_same_package("my_msgs/msg/Thing") == frozenset()
-
-
-@pytest.mark.parametrize(
-    ("value", "kind"),
-    [
-        (True, "bool"),
-        (1, "integer"),
-        (1.0, "double"),
-        ("1", "string"),
-        ([True], "bool_array"),
-        ([1, 2], "integer_array"),
-        ([1.0], "double_array"),
-        (["a"], "string_array"),
-        ([], None),
-        ([1, 2.0], None),
-        ([True, 1], None),
-        ([[1]], None),
-        ([1, [1]], None),
-    ],
-)
-def test_parameter_types(value: Any, kind: str | None) -> None:
-    assert parameter_type(value) == kind
-
-
-def test_lists_in_sentences() -> None:
-    assert quoted_list([]) == ""
-    assert quoted_list(["a"]) == "'a'"
-    assert quoted_list(["a", "b", "a"]) == "'a' and 'b'"
-    assert quoted_list(["a", "b", "c"]) == "'a', 'b' and 'c'"
-    assert quoted_list([str(n) for n in range(20)]).endswith("'7' and 12 more")
-
-
-def test_suggestions() -> None:
-    assert suggestion("imgae", ["image", "depth"], "topics") == "did you mean 'image'?"
-    assert suggestion("x", ["image", "depth"], "topics") == "topics: 'depth' and 'image'"
-    assert suggestion("x", [], "topics") == ""
-
-
 # ``r2bspec docs``: what a code means.
-
-
-def test_a_page_has_title_reason_and_both_examples(call: Call) -> None:
-    said = call("docs", "R2B204", status=0).out
-    assert said.startswith(
-        f"{code_with_slug('R2B204')}: remapping matches no topic of the node (error)\n"
-    )
-    assert "ROS ignores a remapping that matches no topic" in said
-    assert "remappings: {inptu: image}" in said
-    assert f"example.r2b.yaml:9:20: error[{code_with_slug('R2B204')}]" in said
-    assert "remappings: {input: image}" in said
-    assert "\x1b" not in said
 
 
 @pytest.mark.parametrize(
@@ -224,7 +162,7 @@ def test_all_codes_are_listed(call: Call) -> None:
 
 @pytest.mark.parametrize(
     ("written", "meant"),
-    [("R2B2077", "R2B207"), ("unknown-kye", "unknown-key"), ("R2B999", ""), ("R2B658x9", "")],
+    [("unknown-kye", "unknown-key"), ("R2B999", ""), ("R2B658x9", "")],
 )
 def test_an_unknown_word_is_answered_with_a_close_one(written: str, meant: str, call: Call) -> None:
     said = call("docs", written, status=2).err

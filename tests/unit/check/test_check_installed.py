@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import subprocess
 import sys
@@ -16,9 +15,7 @@ from example_spec import example
 from r2bspec.check import check
 from r2bspec.diagnostics import Certainty, Diagnostic
 from r2bspec.language.load_spec import load_spec
-from r2bspec.plan.installed_packages import top_level_names
-from r2bspec.plan.package_advice import is_ros_module, ros_package_advice
-from r2bspec.plan.this_machine import find_module
+from r2bspec.plan.package_advice import ros_package_advice
 
 # What this machine has is looked up without importing or starting anything.
 
@@ -48,17 +45,6 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-@pytest.mark.usefixtures("workspace")
-def test_modules_are_found_below_packages_that_are_not_imported() -> None:
-    found = find_module("r2b_test_nodes.detector")
-    assert found is not None
-    assert (found.origin or "").endswith("detector.py")
-    assert find_module("r2b_test_nodes.other") is None
-    assert find_module("r2b_test_nodes.detector.deeper") is None
-    assert find_module("r2b_test_no_such") is None
-    assert "r2b_test_nodes" not in sys.modules
 
 
 def test_an_interpreter_that_ignores_its_environment_finds_what_processes_will_find(
@@ -148,16 +134,6 @@ def test_a_wrong_target_is_answered_with_the_file_that_is_there(
         (workspace / file).write_text("class Detector: ...", encoding="utf-8")
     (found,) = findings(node(f"python: '{target}'"))
     assert advice in found.help
-
-
-def test_files_that_tell_nothing(tmp_path: Path) -> None:
-    file = tmp_path / "nodes.py"
-    assert top_level_names(file) is None
-    file.write_bytes(b"x = 1\n" * 300_000)
-    assert top_level_names(file) is None
-    file.write_bytes(b"(" * 100_000)
-    with contextlib.suppress(SyntaxError):
-        assert top_level_names(file) is None
 
 
 @pytest.mark.parametrize(
@@ -334,11 +310,3 @@ def test_a_clock_may_come_from_a_node(folder: Path) -> None:
     unknown = example(graph=graph.replace("SOURCE", "{command: [sh, ./x.sh]}"))
     [found] = findings_of(folder, unknown, "R2B233")
     assert (found.severity, "nothing known publishes" in found.message) == ("info", True)
-
-
-@pytest.mark.parametrize(
-    ("name", "is_of_ros"),
-    [("vision_opencv", True), ("rclpy", True), ("our_msgs", True), ("numpy", False), ("v", False)],
-)
-def test_modules_of_ros_are_told_from_others(name: str, is_of_ros: bool) -> None:
-    assert is_ros_module(name) is is_of_ros

@@ -85,16 +85,6 @@ def test_within_a_slop_only_what_has_no_partner_is_missing(tmp_path: Path) -> No
     assert [each.severity.value for each in findings(text, file=file)] == ["error"] * 2
 
 
-def test_only_the_window_counts(tmp_path: Path) -> None:
-    text, file = stereo(tmp_path, shifted(30, 60), window="{end: 900 ms}")
-    assert codes(text, file=file) == []
-
-
-def test_the_spec_can_agree(tmp_path: Path) -> None:
-    text, file = stereo(tmp_path, shifted(3, 56), "unpaired: drop")
-    assert codes(text, file=file) == []
-
-
 def test_a_timeline_plays_everything(tmp_path: Path) -> None:
     text, file = stereo(tmp_path, shifted(3, 56), "mode: timeline")
     assert "R2B415" not in codes(text, file=file)

@@ -48,14 +48,6 @@ def test_paths_stay_relative_to_the_file_in_which_they_are_written() -> None:
     assert relay.parameter_files == ("./parts/relay.yaml",)
 
 
-def test_every_text_is_at_hand_for_carets() -> None:
-    loaded = load_spec(EXTENDING / "ok_derived.r2b.yaml")
-    assert {Path(name).name for name in loaded.texts} == {"ok_derived.r2b.yaml", "base.yaml"}
-    where = loaded.span(("benchmark", "iterations"))
-    assert Path(where.file).name == "base.yaml"
-    assert loaded.sources[where.file].line(where.line)[where.column - 1] == "3"
-
-
 def test_files_of_the_work_tree_are_extended_and_those_of_git_are_not(tmp_path: Path) -> None:
     (tmp_path / "inside").mkdir()
     (tmp_path / "base.yaml").write_text(BASE)
@@ -85,13 +77,9 @@ def test_long_chains_end(tmp_path: Path) -> None:
     assert codes(tmp_path / "0.yaml") == ["R2B135"]
 
 
-NODES = "r2bspec: 1\nname: a\ngraph:\n  nodes:\n"
-
-
 # Declared variables, the matrix with its cases, and repeated entries.
 
 
-GOLDEN = Path(__file__).parents[2] / "golden" / "language"
 BODY = """
 data_loader: {bag: a, topics: {/a: b}}
 playback: {inputs: {image: {from: b, format: sensor_msgs/msg/Image}}}
@@ -116,11 +104,6 @@ def test_cases_are_called_by_their_values() -> None:
     ]
     threads = [case.spec.graph.nodes["relay"].parameters["threads"] for case in cases if case.spec]
     assert threads == [1, 1, 4, 1]
-
-
-def test_without_a_matrix_there_is_one_case() -> None:
-    (only,) = load_cases(HEAD + BODY)
-    assert (only.id, only.case) == ("some", "")
 
 
 @pytest.mark.parametrize("name", ["odd", "some[odd]"])

@@ -9,9 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from r2bspec.language.comparison_grammar import parse_requirement
 from r2bspec.language.load_spec import load_spec
-from r2bspec.language.quantities import Duration, Rate
 from r2bspec.language.spec import BagSource
 
 # What `load_spec` gives.
@@ -19,25 +17,6 @@ from r2bspec.language.spec import BagSource
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "language"
 ENVIRON = {"R2B_TEST_DATA": "/data"}
-
-
-def test_the_whole_language() -> None:
-    spec = load_spec(GOLDEN / "ok_full.yaml", environ=ENVIRON).spec
-    assert spec is not None
-    assert spec.data_loader.window.start == Duration(500_000_000)
-    assert spec.data_loader.topics == {"/camera/image": "loaded/image", "/imu": "loaded/imu"}
-    resize = spec.preprocessors["resize"]
-    assert (resize.kind.name, resize.parameters["width"], resize.parameters["on"]) == (
-        "executable",
-        1280,
-        True,
-    )
-    assert spec.playback.inputs["image"].qos.reliability == "best_effort"
-    assert [node.kind.name for node in spec.graph.nodes.values()] == ["python", "python", "command"]
-    assert spec.benchmark.search is not None
-    assert spec.benchmark.search.max == Rate(200)
-    assert spec.benchmark.search.holds == (parse_requirement("drop_rate <= 5 %"),)
-    assert spec.slos["peak"].at is None
 
 
 def test_a_bag_as_one_word() -> None:
@@ -81,16 +60,6 @@ def test_the_same_words_in_every_process() -> None:
         for seed in range(4)
     }
     assert len(said) == 1
-
-
-def test_places_that_rules_ask_for() -> None:
-    loaded = load_spec(GOLDEN / "ok_full.yaml", environ=ENVIRON)
-    metric = loaded.span_inside(("slos", "keeps_up", "require", 0), 0, len("latency.p99"))
-    assert loaded.sources[loaded.file].line(metric.line)[metric.column - 1 :].startswith("latency")
-    holds = loaded.span(("benchmark", "search", "holds", 0))
-    assert holds == loaded.span(("benchmark", "search", "holds"), key=True)
-    default = loaded.span(("graph", "nodes", "program", "namespace"))
-    assert default == loaded.span(("graph", "nodes", "program"), key=True)
 
 
 def test_text_that_looks_like_a_number_stays_text() -> None:

@@ -9,7 +9,7 @@ import pytest
 from r2bspec.diagnostics import Path, Span
 from r2bspec.language.document import Source, inner_span
 from r2bspec.language.load_spec import load_spec
-from r2bspec.language.located_tree import ScalarNode, TreeNode, lookup, span_at, to_plain
+from r2bspec.language.located_tree import ScalarNode, TreeNode, lookup, span_at
 from r2bspec.language.yaml_document import ScalarError, compose, resolve
 from r2bspec.safe_io.limits import MAX_DOCUMENT_BYTES
 
@@ -109,26 +109,6 @@ def test_where_things_stand(path: Path, key: bool, place: str) -> None:
     assert shown(span_at(tree_of(TEXT), path, key=key)) == place
 
 
-def test_a_block_collection_ends_with_its_last_value() -> None:
-    span = span_at(tree_of(TEXT), ("nodes", "first"))
-    assert (span.line, span.column, span.end_line, span.end_column) == (5, 5, 6, 15)
-
-
-def test_a_key_without_value_has_a_place() -> None:
-    assert span_at(tree_of(TEXT), ("empty",)).line == 14
-
-
-def test_plain_data() -> None:
-    assert to_plain(tree_of(TEXT)) == {
-        "name": "relay",
-        "x-base": {"a": 1, "b": "two"},
-        "nodes": {"first": {"a": 1, "b": "three"}, "second": {"a": 1, "b": "two"}},
-        "list": ["10 Hz", ["x", "y"]],
-        "text": "one\ntwo\n",
-        "empty": None,
-    }
-
-
 @pytest.mark.parametrize(
     ("written", "piece", "columns"),
     [
@@ -146,25 +126,6 @@ def test_columns_inside_a_value(written: str, piece: str, columns: tuple[int, in
     assert isinstance(node, ScalarNode)
     span = inner_span(source, node.span, node.text, node.text.index(piece), len(piece))
     assert (span.column, span.end_column) == columns
-
-
-def test_the_second_of_two_equal_pieces() -> None:
-    text = "a: x x"
-    span = inner_span(Source("f", text), Span("f", 1, 4, 1, 7), "x x", 2, 1)
-    assert span.column == 6
-
-
-def test_a_piece_on_a_later_line() -> None:
-    text = "a: |\n  one\n  two\n"
-    node = lookup(tree_of(text), ("a",))
-    assert isinstance(node, ScalarNode)
-    span = inner_span(Source("f", text), node.span, node.text, node.text.index("two"), 3)
-    assert (span.line, span.column, span.end_column) == (3, 3, 6)
-
-
-def test_what_cannot_be_found_is_the_whole_value() -> None:
-    whole = Span("f", 1, 4, 1, 12)
-    assert inner_span(Source("f", 'a: "\\x41b"'), whole, "Ab", 0, 1) == whole
 
 
 # Documents made to hurt: each is answered, in bounded time; for memory, see tests/fuzz.
@@ -192,11 +153,6 @@ def test_a_large_document_is_refused(content: str | bytes) -> None:
 def test_many_mistakes_are_cut_off(content: str) -> None:
     found = load_spec(content).diagnostics
     assert len(found) in (1000, 1001, 1002)
-
-
-def test_shared_values_are_not_copied() -> None:
-    loaded = load_spec("x: &x [" + "1," * 1000 + "]\ny: [" + "*x," * 100 + "]\n")
-    assert "R2B027" not in {found.code for found in loaded.diagnostics}
 
 
 def test_a_file_that_cannot_be_read(tmp_path: pathlib.Path) -> None:

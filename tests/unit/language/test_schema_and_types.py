@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import jsonschema
 import msgspec
@@ -17,12 +17,9 @@ from r2bspec.language.document import Source
 from r2bspec.language.json_schema import published_schema
 from r2bspec.language.load_spec import load_spec
 from r2bspec.language.located_tree import TreeNode, to_plain
-from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, NodeKindName
 from r2bspec.language.quantities import Duration
-from r2bspec.language.spec import Node
 from r2bspec.language.structure import INVALID, read_value
 from r2bspec.language.yaml_document import compose
-from r2bspec.plan import command_lines
 
 # What follows from the declarations: rules, defaults, and the schema for editors.
 
@@ -128,10 +125,6 @@ def test_a_section_says_it_for_its_keys() -> None:
 # ---- the schema for editors ------------------------------------------------------------------
 
 
-def test_it_is_draft_07() -> None:
-    jsonschema.Draft7Validator.check_schema(published_schema())
-
-
 def test_references_are_accepted_wherever_a_scalar_stands() -> None:
     loaded = load_spec(GOLDEN / "ok_full.yaml", environ={})
     assert loaded.tree is not None
@@ -198,9 +191,3 @@ def test_the_kind_that_is_meant_stands_before_null() -> None:
 
 
 # The kinds of node are listed once.
-
-
-def test_the_table_is_complete() -> None:
-    assert [each.name for each in NODE_KINDS] == list(get_args(NodeKindName))
-    assert set(NODE_KIND_KEYS) <= set(Node.__struct_fields__)
-    assert set(command_lines._ARGV) == {each.name for each in NODE_KINDS if each.role is not None}

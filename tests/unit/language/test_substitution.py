@@ -69,10 +69,6 @@ def test_variables_may_come_from_the_environment() -> None:
     assert loaded.spec.labels["x"] == 640
 
 
-def test_used_variables_are_known() -> None:
-    assert load_spec(SPEC, environ={}).used_variables == {"width"}
-
-
 def test_a_value_from_a_variable_shows_both_places() -> None:
     content = SPEC.replace("10 Hz,", "$(var width),")
     (found,) = load_spec(content, environ={}).diagnostics
@@ -119,11 +115,6 @@ def test_set(option: str, path: tuple[str | int, ...], value: object) -> None:
     for part in path:
         found = found[part]
     assert found == value
-
-
-def test_later_options_win() -> None:
-    found = plain(load_spec(SPEC, sets=["name=a", "name=b"], environ={}))
-    assert found["name"] == "b"
 
 
 @pytest.mark.parametrize(("given", "value"), [("7", 7), (7, 7), (True, True), ("x y", "x y")])

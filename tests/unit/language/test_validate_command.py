@@ -48,10 +48,6 @@ def test_findings_go_to_standard_output(folder: Path, run: Call) -> None:
     assert err == ""
 
 
-def test_a_good_file(folder: Path, run: Call) -> None:
-    assert run("good.r2b.yaml", status=0).out.splitlines()[-1].startswith("1 file, ")
-
-
 @pytest.mark.parametrize(
     ("paths", "count"),
     [
@@ -88,17 +84,6 @@ def test_wrong_usage(folder: Path, run: Call, arguments: list[str]) -> None:
 def test_standard_input(folder: Path, run: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"r2bspec: 2\n")))
     assert run("-", status=1).out.startswith("<stdin>:1:1: error[R2B102 missing-key]")
-
-
-def test_json(folder: Path, run: Call) -> None:
-    report = json.loads(run("--format", "json", "bad.r2b.yaml", "good.r2b.yaml", status=1).out)
-    assert report["errors"] == 1
-    assert [finding["code"] for finding in report["findings"]] == ["R2B115"]
-
-
-def test_github(folder: Path, run: Call) -> None:
-    ended = run("--format", "github", "bad.r2b.yaml", status=1)
-    assert ended.out.startswith("::error file=bad.r2b.yaml,line=1,")
 
 
 def test_options_replace_values(folder: Path, run: Call) -> None:

@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
@@ -26,7 +25,7 @@ from r2bspec.plan.canonical_json import (
     plan_schema,
     read_plan,
 )
-from r2bspec.plan.comparability import ABSENT, PlanDifference, diff_plans
+from r2bspec.plan.comparability import PlanDifference, diff_plans
 from r2bspec.plan.plan import Plan
 
 # One way to write a plan, the same bytes everywhere, and reading it again.
@@ -174,12 +173,6 @@ def test_a_plan_with_a_fault_is_refused_with_its_place(before: str, after: str, 
     assert caught.value.code == "R2B612"
 
 
-def test_a_plan_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(PlanError) as caught:
-        read_plan(tmp_path / "nowhere.json")
-    assert caught.value.code == "R2B610"
-
-
 # Two plans, compared.
 
 
@@ -192,32 +185,6 @@ def test_a_value_that_differs_has_its_path() -> None:
     assert str(found) == (
         "processes['preprocess.resize'].nodes['/r2b/resize'].parameters.width: 640 -> 1280"
     )
-
-
-def test_members_are_found_again_wherever_they_stand() -> None:
-    fewer = msgspec.structs.replace(FULL, processes=FULL.processes[1:])
-    (found,) = diff_plans(FULL, fewer)
-    assert found.path == ("processes", "player")
-    assert found.after is ABSENT
-    assert str(found).endswith("-> (absent)")
-    (added,) = diff_plans(fewer, FULL)
-    assert added.before is ABSENT
-
-
-def test_an_integer_is_not_a_double() -> None:
-    def with_gain(gain: Any) -> Any:
-        return plan(STRAIGHT, graph={"nodes": {"n": {"python": "m.N", "parameters": gain}}})
-
-    assert diff_plans(with_gain({"g": 1}), with_gain({"g": 1.0}))
-    assert diff_plans(with_gain({"g": 1}), with_gain({"g": True}))
-
-
-def test_lists_without_identity_are_compared_by_place() -> None:
-    other = plan(benchmark={"rates": ["10 Hz"]})
-    paths = {difference.path for difference in diff_plans(plan(), other)}
-    assert ("phases", 6) in paths
-    assert ("play", "30.0") in paths
-    assert ("search",) in paths
 
 
 @given(st.lists(st.sampled_from("abc"), max_size=4), st.lists(st.sampled_from("abc"), max_size=4))

@@ -206,26 +206,6 @@ def spec_with(**sections: str) -> Spec:
     return loaded.spec
 
 
-@pytest.mark.parametrize(
-    ("benchmark", "starts"),
-    [
-        ("{rates: [30 Hz]}", 5),
-        ("{rates: [30 Hz], iterations: 1}", 1),
-        ("{rates: [30 Hz], iterations: 3}", 1),
-        ("{rates: [30 Hz], iterations: 4}", 1),
-        ("{rates: [30 Hz], iterations: 7}", 3),
-        ("{rates: [30 Hz], iterations: 10}", 5),
-        ("{rates: [30 Hz], iterations: 100}", 5),
-        ("{rates: [30 Hz], iterations: 100, starts: 20}", 20),
-        ("{rates: [30 Hz], iterations: 3, starts: 1}", 1),
-        ("{rates: [30 Hz], iterations: 2, max_iterations: 20}", 1),
-        ("{search: {min: 5 Hz, max: 50 Hz}}", 1),
-    ],
-)
-def test_each_start_has_at_least_two_iterations(benchmark: str, starts: int) -> None:
-    assert compile_plan(spec_with(benchmark=benchmark), None).starts == starts
-
-
 @pytest.mark.parametrize("starts", [1, 3])
 def test_external_nodes_have_one_start(starts: int) -> None:
     node = "external: true, publishes: {output: sensor_msgs/msg/Image}"
@@ -239,15 +219,6 @@ def test_external_nodes_have_one_start(starts: int) -> None:
 
 def lengths(groups: tuple[range, ...]) -> list[int]:
     return [len(group) for group in groups]
-
-
-@pytest.mark.parametrize("starts", [1, 2, 3, 5, 7])
-def test_starts_share_the_iterations_evenly(starts: int) -> None:
-    for iterations in range(1, 30):
-        groups = iterations_of_starts(iterations, starts)
-        assert [index for group in groups for index in group] == list(range(1, iterations + 1))
-        assert max(lengths(groups)) - min(lengths(groups)) <= 1
-        assert len(groups) == min(starts, iterations)
 
 
 @pytest.mark.parametrize(
@@ -298,11 +269,6 @@ def test_two_cameras_three_milliseconds_apart_are_pairs_and_keep_their_differenc
     assert set(aligned.stamp_offsets_ns) == {(-3 * MS, 0)}
 
 
-def test_the_larger_slop_of_a_pair_counts() -> None:
-    assert pair_nearest([[0, 100], [8, 108]], [0, 10]) == ((0, 0), (1, 1))
-    assert pair_nearest([[0, 100], [8, 108]], [0, 5]) == ()
-
-
 def test_the_input_with_the_fewest_messages_leads() -> None:
     camera, imu = [0, 33, 66], list(range(1, 70, 5))
     pairs = pair_nearest([camera, imu], [10, 10])
@@ -324,15 +290,6 @@ def test_a_clock_that_is_ahead_is_seen_by_the_times_of_recording(late_ms: int) -
     assert clock_ahead([scans, images], [scans, ahead], 0) == (0, 5_000 * MS)
     assert clock_ahead([images, scans], [ahead, scans], 0) == (5_000 * MS, 0)
     assert clock_ahead([scans, images], [scans, scans], 0) == (0, 0)
-
-
-def test_stamps_without_a_constant_difference_have_no_clock_ahead() -> None:
-    times = [100 * MS * number for number in range(20)]
-    assert clock_ahead([times, times], [times, [0] * 20], 0) == (0, 0)
-
-
-def test_a_message_goes_to_the_nearer_one_of_two() -> None:
-    assert pair_nearest([[0, 6], [5, 90]], [10, 10]) == ((1, 0),)
 
 
 @given(left=STAMPS, right=STAMPS, slop=st.just(0) | st.integers(0, 100))

@@ -38,6 +38,7 @@ LANGUAGE = (spec, spec_benchmark, spec_graph)
 NOT_IN_PLAN = {
     "Spec.r2bspec": "the version of the language: read before there is a plan",
     "Spec.tune": "read by the search, which plays other specs",
+    **{f"Tune.{name}": "read by the search" for name in spec_benchmark.Tune.__struct_fields__},
     "DataLoader.bag": "read through DataLoader.sources",
     "DataLoader.bags": "read through DataLoader.sources",
     **{

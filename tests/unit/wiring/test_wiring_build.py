@@ -137,13 +137,6 @@ def test_a_command_of_which_nothing_ros_is_said_may_be_anything(
     assert wired({"n": node}).nodes[0].is_ros_process is ros
 
 
-def test_the_spec_knows_a_side_better_than_the_table() -> None:
-    known = interface({"python": "nodes.Filter", "publishes": {"result": POSES}})
-    assert (known.publishes, known.publishes_from) == ({"result": POSES}, "spec")
-    assert (known.subscribes, known.subscribes_from) == ({"in": IMAGE}, "table")
-    assert known.topics == ("in", "result")
-
-
 def test_parameters_decide_types_and_names() -> None:
     measure = wired({"any": {"python": "nodes.Any", "parameters": {"format": POSES}}})
     endpoint = measure.endpoints_of("/r2b/any")[0]
@@ -154,11 +147,6 @@ def test_parameters_decide_types_and_names() -> None:
     assert known.publishes == {"any/out": POSES}
     assert known.type_parameters == {"in": "format", "any/out": "format"}
     assert interface({"python": "nodes.Any"}).subscribes == {"in": IMAGE}
-
-
-def test_nothing_is_known_of_a_node_that_no_one_describes() -> None:
-    assert interface({"python": "elsewhere.Node"}) == Interface()
-    assert interface({"command": ["x"]}).topics is None
 
 
 def test_the_table_of_the_reference_nodes_is_well_formed() -> None:

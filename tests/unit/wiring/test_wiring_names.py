@@ -79,18 +79,6 @@ def test_a_rule_is_matched_after_expansion(
     assert remap(name, rules, "detector", "/r2b") == ResolvedName(topic, rule)
 
 
-@given(TOPIC, st.dictionaries(TOPIC, TOPIC, max_size=4), TOKEN, NAMESPACE)
-def test_remapping_only_looks_at_expanded_names(
-    name: str, rules: dict[str, str], node: str, namespace: str
-) -> None:
-    written_out = {
-        expand(left, node, namespace): expand(right, node, namespace)
-        for left, right in reversed(rules.items())
-    }
-    full = expand(name, node, namespace)
-    assert remap(name, rules, node, namespace).name == written_out.get(full, full)
-
-
 # Promise: keys of parameter files match as in ROS, in time that no key can drive up.
 
 

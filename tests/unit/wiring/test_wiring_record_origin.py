@@ -8,19 +8,13 @@ from typing import Any
 
 import pytest
 import yaml
-from wiring_specs import IMAGE, node
+from wiring_specs import IMAGE
 
 from ament_packages import install_package
 from example_spec import example
 from r2bspec.check import check
 from r2bspec.diagnostics import Diagnostic
 from r2bspec.language.load_spec import load_spec
-from r2bspec.plan.wiring.node_interface import (
-    RecordOrigin,
-    files_digest,
-    node_target,
-    origin_difference,
-)
 
 FLOAT = "std_msgs/msg/Float32"
 # Nothing in it is literal: what is known of it is what was recorded.
@@ -103,11 +97,6 @@ def test_a_stale_record_is_not_used_and_that_is_said(folder: Path) -> None:
     assert "'./node.py:make' has changed since it was recorded" in found["R2B223"].message
 
 
-def test_a_record_without_an_origin_is_used(folder: Path) -> None:
-    record(folder, recorded_from=None)
-    assert "R2B210" in findings(folder)
-
-
 def test_with_another_version_of_the_package_nothing_is_certain(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -118,19 +107,3 @@ def test_with_another_version_of_the_package_nothing_is_certain(
         record(folder, recorded_from={"target": "detectors D", "version": version})
         found = findings(folder, "package: detectors, plugin: D")
         assert found["R2B210"].severity == severity
-
-
-def test_unknown_publishers_can_be_recorded(folder: Path) -> None:
-    found = findings(folder)["R2B207"]
-    assert "or record them with 'r2bspec interfaces'" in found.help
-
-
-def test_a_target_is_what_the_spec_names(folder: Path) -> None:
-    assert node_target(node(python="a.B")) == "a.B"
-    assert node_target(node(package="p", plugin="p::N")) == "p p::N"
-    assert node_target(node(package="p", executable="n")) == "p n"
-    command = node(command=["python3", "./node.py", "--fast run"])
-    assert node_target(command) == "python3 ./node.py '--fast run'"
-    assert files_digest(command, folder) == files_digest(node(python="./node.py:make"), folder)
-    assert files_digest(node(python="a.B"), folder) == ""
-    assert origin_difference(RecordOrigin(target="a.B"), node(python="a.B"), folder) == ""

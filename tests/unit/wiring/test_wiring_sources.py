@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
-from wiring_specs import IMAGE, INFO, node, spec
+from wiring_specs import IMAGE, INFO, spec
 
 from r2bspec.language.spec import Node, ParameterSource
 from r2bspec.plan.wiring.build_wiring import build_wiring
@@ -17,12 +17,7 @@ from r2bspec.plan.wiring.companion_files import (
     interface_file,
     read_companion_files,
 )
-from r2bspec.plan.wiring.node_interface import (
-    InterfaceEntry,
-    catalogue_entry,
-    catalogue_nodes,
-    catalogue_packages,
-)
+from r2bspec.plan.wiring.node_interface import InterfaceEntry, catalogue_nodes, catalogue_packages
 from r2bspec.plan.wiring.parameter_files import merged_parameters, read_parameter_file
 from r2bspec.plan.wiring.python_files import read_python_file
 from r2bspec.plan.wiring.source_interface import read_node_class
@@ -58,14 +53,6 @@ def test_every_entry_of_the_catalogue_is_well_formed() -> None:
             assert entry.parameters, name
             assert entry.executable, name
             assert entry.described_package == f"{package} of ROS 2 Jazzy"
-
-
-def test_a_component_is_known_by_plugin_and_by_executable() -> None:
-    plugin = catalogue_entry(node(package="image_proc", plugin="image_proc::RectifyNode"))
-    assert plugin is catalogue_entry(node(package="image_proc", executable="rectify_node"))
-    assert plugin is not None
-    assert catalogue_entry(node(package="image_proc", plugin="image_proc::Other")) is None
-    assert catalogue_entry(node(package="other", plugin="image_proc::RectifyNode")) is None
 
 
 @pytest.mark.parametrize(
