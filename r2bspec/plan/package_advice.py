@@ -29,7 +29,7 @@ _WHEELS = frozenset(
         *("unique_identifier_msgs", "visualization_msgs"),
     }
 )
-"""The packages that nodes import and that exist as wheels of Jazzy; docs/nodes.md lists them."""
+"""The packages that nodes import and that exist as wheels of Jazzy."""
 _INTERFACE_PACKAGE = re.compile(r"_(msgs|interfaces|msg|srvs)$")
 
 
