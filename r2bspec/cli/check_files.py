@@ -6,14 +6,14 @@ grow with the number of files.
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import glob
 import os
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 import msgspec
@@ -100,9 +100,6 @@ class FileReport(msgspec.Struct, frozen=True):
     resolved: Mapping[str, str] = msgspec.field(default_factory=dict)
 
 
-T = TypeVar("T")
-
-
 def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileReport]:
     """Check every file, in the order given.
 
@@ -111,43 +108,27 @@ def check_files(files: Sequence[str], options: CheckOptions) -> Iterator[FileRep
         options: for all of them.
 
     Raises:
-        InternalError: the check of a file crashed; after the reports of the others.
+        Exception: the check of a file crashed; its name is a note.
     """
     # Documents are trees: frequent collection of cycles takes time and frees nothing.
     gc.set_threshold(50_000, 20, 20)
-    from r2bspec.cli.internal_error import InternalError
-
-    check = partial(check_file, options=options)
-    failures: list[tuple[str, InternalError]] = []
     with shared_lookups():
         for file in files:
-            try:
-                report = naming_the_file(check, file)
-            except InternalError as error:
-                failures.append((file, error))
-            else:
-                yield report
-    if failures:
-        (_, first), *others = failures
-        if others:
-            first.hint = f"Not checked either: {', '.join(repr(file) for file, _ in others)}."
-        raise first
+            with _checking(file):
+                report = check_file(file, options)
+            yield report
 
 
-def naming_the_file(check: Callable[[str], T], file: str) -> T:
-    """Return the result of a check; an unforeseen error names the file that led to it.
-
-    Raises:
-        InternalError: the check raised what no code foresaw.
-    """
+@contextlib.contextmanager
+def _checking(file: str) -> Iterator[None]:
+    """Let an unforeseen error name the file that led to it."""
     try:
-        return check(file)
+        yield
     except (R2bspecError, click.ClickException, click.exceptions.Exit):
         raise
     except Exception as error:
-        from r2bspec.cli.internal_error import InternalError
-
-        raise InternalError(error, f"while checking {file!r}") from error
+        error.add_note(f"while checking {file!r}")
+        raise
 
 
 def check_file(file: str, options: CheckOptions) -> FileReport:
@@ -225,7 +206,8 @@ def repair(
             continue  # an unreadable file is a finding of its own
         bom = _BOM if before.startswith(_BOM) else ""
         text = before.removeprefix(bom)
-        fixed = naming_the_file(partial(_apply_fixes, text, check_text), file)
+        with _checking(file):
+            fixed = _apply_fixes(text, check_text, file)
         if not fixed.applied:
             continue
         changed += 1

@@ -21,17 +21,11 @@ class InternalError(R2bspecError):
     code = "R2B690"
     exit_code = ExitStatus.INTERNAL_ERROR
 
-    def __init__(self, error: BaseException, doing: str = "") -> None:
-        """Describe an error that was raised.
-
-        Args:
-            error: the unforeseen error.
-            doing: what was being done, such as ``while checking 'a.r2b.yaml'``; may be empty.
-        """
-        what = f"{type(error).__name__} in r2bspec ({_place(error)}){' ' * bool(doing)}{doing}"
+    def __init__(self, error: BaseException) -> None:
+        """Describe an unforeseen error."""
         super().__init__(
-            f"{what}; report it to the issue tracker of r2bspec, with the traceback "
-            f"{_keep(''.join(_formatted(error)), doing)}"
+            f"{type(error).__name__} in r2bspec ({_place(error)}); report it to the issue tracker "
+            f"of r2bspec, with the traceback {_keep(''.join(_formatted(error)))}"
         )
 
 
@@ -56,13 +50,13 @@ def _place(error: BaseException) -> str:
     return module_path or "before its first line"
 
 
-def _keep(trace: str, doing: str) -> str:
+def _keep(trace: str) -> str:
     """Write the traceback to a new file that only its owner can read; says where it is."""
     import platform
     import tempfile
 
     system = f"r2bspec {__version__}, Python {platform.python_version()}, {platform.platform()}"
-    text = f"{system}\n{doing}\n{trace}"
+    text = f"{system}\n{trace}"
     try:
         # A new name, made exclusively and with mode 0600: another user can neither read the file
         # nor have a link there.

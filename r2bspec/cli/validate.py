@@ -28,7 +28,6 @@ from r2bspec.report.output import echo
 
 if TYPE_CHECKING:
     from r2bspec.diagnostics import Diagnostic
-    from r2bspec.errors import R2bspecError
 
 
 @click.command("validate")
@@ -69,8 +68,6 @@ def command(
     PATH is a file, a folder (all *.r2b.yaml below it), a pattern such as 'specs/*.yaml', or -
     for standard input. All cases of a matrix are checked, unless --case selects one.
     """
-    from r2bspec.cli.internal_error import InternalError
-
     check_options = CheckOptions(values, offline=offline, resolved=resolved)
     files = spec_files(paths)
     if fix and (diff or "-" in files):
@@ -79,21 +76,13 @@ def command(
         changes = repair(files, lambda text, file: check_text(text, file, check_options), write=fix)
         if diff:
             return ExitStatus.FINDINGS_OR_FAILED if changes else ExitStatus.OK
-    checked: list[FileReport] = []
-    crash: R2bspecError | None = None
-    try:
-        checked.extend(check_files(files, check_options))
-    except InternalError as error:
-        crash = error
+    checked = list(check_files(files, check_options))
     failing = {"error", "warning"} if strict else {"error"}
     failed = any(finding.severity in failing for file in checked for finding in file.findings)
-    if resolved and not failed and crash is None:
+    if resolved and not failed:
         _print_resolved(checked)
     else:
         _print_findings(checked, output_format, offline=offline, quiet=quiet)
-    if crash is not None:
-        # One file that r2bspec cannot check does not hide what is wrong with the others.
-        raise crash
     return ExitStatus.FINDINGS_OR_FAILED if failed else ExitStatus.OK
 
 

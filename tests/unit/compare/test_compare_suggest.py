@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -13,11 +12,9 @@ from r2bspec.api import prepare
 from r2bspec.cli.main import main
 from r2bspec.compare.proposals import Proposal, limit_of, propose_objectives
 from r2bspec.judge.judge_run import result_of
-from r2bspec.judge.verdict import DisturbedIteration
 from r2bspec.language.load_spec import load_spec
 from r2bspec.plan.canonical_json import canonical_json, plan_hash
 from r2bspec.record.run_folder import Run
-from r2bspec.record.run_record import SearchRecord
 from run_simulation import Played, Simulation, edited_record
 
 SPEC = """\
@@ -120,23 +117,6 @@ def test_a_spec_in_flow_style_is_changed_by_hand(run: Run) -> None:
     assert any(note.startswith("add by hand: measured_at_30_hz:") for note in found.notes)
 
 
-def test_a_peak_that_is_known_roughly_has_no_limit(run: Run) -> None:
-    result = result_of(run)
-    loaded = load_spec(SPEC, file="simulated.r2b.yaml")
-
-    def found(precision: float) -> Proposal:
-        search = SearchRecord(
-            probes=(), holds_hz=40.0, fails_hz=60.0, limited_by="graph", precision=precision
-        )
-        metrics = msgspec.structs.replace(result.metrics, search=search)
-        searched = msgspec.structs.replace(result, metrics=metrics)
-        return propose_objectives(loaded, SPEC, searched, lambda _: result)
-
-    said = "peak.rate: it is known to 50%, which is too coarse"
-    assert said in found(0.5).notes
-    assert not any(note.startswith(said[:25]) for note in found(0.02).notes)
-
-
 def test_the_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -198,15 +178,3 @@ def test_a_spec_with_a_gate_gets_a_limit_of_the_latency_where_work_is_unknown(
     unread = Simulation(segments=played(), cpu={}).write(tmp_path / "run")
     (texts,) = proposed(unread, GATED).added.values()
     assert [text for text in texts if "baseline" in text] == ["latency.p50 <= 110 % of baseline"]
-
-
-def test_what_disturbed_the_run_is_said_of_its_limits(run: Run) -> None:
-    result = result_of(run)
-    loaded = load_spec(SPEC, file="simulated.r2b.yaml")
-    disturbed = (
-        DisturbedIteration(segment="rate-30Hz-001", rate_hz=30, reasons=("a compiler ran",)),
-    )
-    verdict = msgspec.structs.replace(result.verdict, disturbed=disturbed)
-    busy = msgspec.structs.replace(result, verdict=verdict)
-    found = propose_objectives(loaded, SPEC, busy, lambda slos: result_of(run, slos, "x"))
-    assert any("disturbed 1 of 10 iterations" in note for note in found.notes)
