@@ -121,7 +121,7 @@ class AnatomyObservation:
         began_ns = rows["began_ns"]
         inside = (began_ns >= segment.began_ns - _EARLIER_NS) & (began_ns <= until_ns)
         rows = rows[inside]
-        folder.write_anatomy(segment.id, rows)
+        folder.write_rows("anatomy", rows, segment.id)
         self.record = AnatomyRecord(
             start=self._start,
             processes=processes,

@@ -489,10 +489,10 @@ class _Run:
 
     def _write_resource_samples(self) -> None:
         folder, resources = self._context.folder, self._context.resources
-        folder.write_resources(resources.rows())
-        folder.write_interference(resources.interference())
+        folder.write_rows("resources", resources.rows())
+        folder.write_rows("interference", resources.interference())
         if (devices := resources.devices()).size:
-            folder.write_devices(devices)
+            folder.write_rows("devices", devices)
 
     def _write_partial_record(self) -> None:
         """Write the current record, so that a killed run can also be read."""

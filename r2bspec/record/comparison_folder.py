@@ -39,7 +39,13 @@ from r2bspec.record.run_record import (
     SearchRecord,
     Segment,
 )
-from r2bspec.record.sample_arrays import DEVICE_DTYPE, INTERFERENCE_DTYPE, RESOURCE_DTYPE, Rows
+from r2bspec.record.sample_arrays import (
+    DEVICE_DTYPE,
+    INTERFERENCE_DTYPE,
+    RESOURCE_DTYPE,
+    Rows,
+    SampleKind,
+)
 from r2bspec.safe_io.limits import MAX_SEGMENTS
 from r2bspec.safe_io.safe_file import is_regular
 
@@ -58,10 +64,10 @@ class MergedRun(Run):
     runs: tuple[Run, ...] = ()
     spec: str = ""
 
-    def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> Rows:
+    def segment_rows(self, segment: Segment, kind: SampleKind, monitor: str = "") -> Rows:
         """As `Run.segment_rows`."""
         place, source = self._source(segment)
-        return self.runs[place].segment_rows(source, file, dtype)
+        return self.runs[place].segment_rows(source, kind, monitor)
 
     def work(self, segment: Segment) -> Rows:
         """See `Run.work`; the processes of each run follow those of the previous one."""

@@ -77,12 +77,6 @@ _MAX_LOOKED_AT = 1_000
 _FOLDER_MODE = 0o700
 """Recorded images and logs are not for other users of the machine."""
 
-_RESOURCES = "resources.npy"
-_INTERFERENCE = "interference.npy"
-_DEVICES = "devices.npy"
-_ANATOMY = "anatomy.npy"
-_WORK = "work.npy"
-
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+=@-]*")
 
 
@@ -166,38 +160,13 @@ class RunFolder:
         """Write the canonical JSON of the plan."""
         write_atomically(self.path / "plan.json", text.encode())
 
-    def write_playback(self, segment: str, rows: arrays.Rows) -> None:
-        """Write the playback of a segment: rows of `PLAYBACK_DTYPE`."""
-        self._write_rows(f"{_samples_of(segment)}/playback.npy", rows, arrays.PLAYBACK_DTYPE)
-
-    def write_work(self, segment: str, rows: arrays.Rows) -> None:
-        """Write the processor time of each step of a segment: rows of `WORK_DTYPE`."""
-        self._write_rows(f"{_samples_of(segment)}/{_WORK}", rows, arrays.WORK_DTYPE)
-
-    def write_monitor(self, segment: str, monitor: str, rows: arrays.Rows) -> None:
-        """Write the messages of a monitor in a segment, even if there are none (no rows)."""
-        self._write_rows(
-            f"{_samples_of(segment)}/{_monitor_file(monitor)}", rows, arrays.MONITOR_DTYPE
-        )
-
-    def write_anatomy(self, segment: str, rows: arrays.Rows) -> None:
-        """Write the events in the processes of the graph in a segment."""
-        self._write_rows(f"{_samples_of(segment)}/{_ANATOMY}", rows, arrays.ANATOMY_DTYPE)
-
-    def write_resources(self, rows: arrays.Rows) -> None:
-        """Write CPU and memory over the whole run: rows of `sample_arrays.RESOURCE_DTYPE`."""
-        self._write_rows(_RESOURCES, rows, arrays.RESOURCE_DTYPE)
-
-    def write_interference(self, rows: arrays.Rows) -> None:
-        """Write host interference over the whole run: rows of `INTERFERENCE_DTYPE`."""
-        self._write_rows(_INTERFERENCE, rows, arrays.INTERFERENCE_DTYPE)
-
-    def write_devices(self, rows: arrays.Rows) -> None:
-        """Write GPUs and processor packages over the whole run: rows of `DEVICE_DTYPE`."""
-        self._write_rows(_DEVICES, rows, arrays.DEVICE_DTYPE)
-
-    def _write_rows(self, place: str, rows: arrays.Rows, dtype: np.dtype[np.void]) -> None:
-        self._digests[place] = arrays.write_rows(self.path / place, rows, dtype)
+    def write_rows(
+        self, kind: arrays.SampleKind, rows: arrays.Rows, segment: str = "", monitor: str = ""
+    ) -> None:
+        """Write samples of a segment, or of the whole run; those of a monitor with its name."""
+        file = arrays.sample_file(kind, _safe_name(monitor) if kind == "monitor" else "")
+        place = file if kind in arrays.OF_RUN else f"{_samples_of(segment)}/{file}"
+        self._digests[place] = arrays.write_rows(self.path / place, rows, arrays.DTYPES[kind])
 
     def write_record(self, record: RunRecord) -> None:
         """Write ``record.json``, with the digests of its samples.
@@ -237,7 +206,7 @@ class Run:
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return self.segment_rows(segment, "playback.npy", arrays.PLAYBACK_DTYPE)
+        return self.segment_rows(segment, "playback")
 
     def work(self, segment: Segment) -> arrays.Rows:
         """Return the processor time of each step and process.
@@ -247,9 +216,9 @@ class Run:
         Raises:
             RecordError: the file is missing or damaged.
         """
-        if f"{_samples_of(segment.id)}/{_WORK}" not in self.record.samples:
+        if f"{_samples_of(segment.id)}/work.npy" not in self.record.samples:
             return np.empty(0, arrays.WORK_DTYPE)
-        return self.segment_rows(segment, _WORK, arrays.WORK_DTYPE)
+        return self.segment_rows(segment, "work")
 
     def monitor(self, segment: Segment, name: str) -> arrays.Rows:
         """Return the messages of a monitor in order of arrival (type `MONITOR_DTYPE`).
@@ -257,7 +226,7 @@ class Run:
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return self.segment_rows(segment, _monitor_file(name), arrays.MONITOR_DTYPE)
+        return self.segment_rows(segment, "monitor", name)
 
     def anatomy(self, segment: Segment) -> arrays.Rows:
         """Return the events in the processes of the graph, in the order in which they began.
@@ -265,19 +234,22 @@ class Run:
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return self.segment_rows(segment, _ANATOMY, arrays.ANATOMY_DTYPE)
+        return self.segment_rows(segment, "anatomy")
 
     def has_anatomy(self, segment: Segment) -> bool:
         """Return True if a segment was observed from inside."""
-        return f"{_samples_of(segment.id)}/{_ANATOMY}" in self.record.samples
+        return f"{_samples_of(segment.id)}/anatomy.npy" in self.record.samples
 
-    def segment_rows(self, segment: Segment, file: str, dtype: np.dtype[np.void]) -> arrays.Rows:
-        """Return the rows of one file of a segment.
+    def segment_rows(
+        self, segment: Segment, kind: arrays.SampleKind, monitor: str = ""
+    ) -> arrays.Rows:
+        """Return the samples of a kind in a segment.
 
         Raises:
             RecordError: the file is missing or damaged.
         """
-        return self._rows(f"{_samples_of(segment.id)}/{file}", dtype)
+        file = arrays.sample_file(kind, _safe_name(monitor) if monitor else "")
+        return self._rows(f"{_samples_of(segment.id)}/{file}", arrays.DTYPES[kind])
 
     def _rows(self, place: str, dtype: np.dtype[np.void]) -> arrays.Rows:
         """Return the rows of a file, which is compared with its digest in the record.
@@ -298,7 +270,7 @@ class Run:
         Raises:
             RecordError: the file is damaged.
         """
-        return self._read_optional(_RESOURCES, arrays.RESOURCE_DTYPE)
+        return self._of_run("resources")
 
     def interference(self) -> arrays.Rows:
         """Return host interference (type `INTERFERENCE_DTYPE`); no rows if it was not sampled.
@@ -306,7 +278,7 @@ class Run:
         Raises:
             RecordError: the file is damaged.
         """
-        return self._read_optional(_INTERFERENCE, arrays.INTERFERENCE_DTYPE)
+        return self._of_run("interference")
 
     def devices(self) -> arrays.Rows:
         """Return samples of GPUs and packages (type `DEVICE_DTYPE`); no rows if there are none.
@@ -314,9 +286,10 @@ class Run:
         Raises:
             RecordError: the file is damaged.
         """
-        return self._read_optional(_DEVICES, arrays.DEVICE_DTYPE)
+        return self._of_run("devices")
 
-    def _read_optional(self, name: str, dtype: np.dtype[np.void]) -> arrays.Rows:
+    def _of_run(self, kind: arrays.SampleKind) -> arrays.Rows:
+        name, dtype = arrays.sample_file(kind), arrays.DTYPES[kind]
         path = self.folder / name
         if name in self.record.samples:
             return self._rows(name, dtype)
@@ -477,10 +450,6 @@ def read_loaded_files(folder: Path) -> dict[str, tuple[str, ...]]:
 
 def _samples_of(segment: str) -> str:
     return f"samples/{_safe_name(segment)}"
-
-
-def _monitor_file(name: str) -> str:
-    return f"monitor.{_safe_name(name)}.npy"
 
 
 def _taken(path: Path, why: str) -> FolderTakenError:

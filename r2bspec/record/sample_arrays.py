@@ -7,7 +7,7 @@ import io
 import os
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Final, Literal
 
 import numpy as np
 from numpy.lib import format as npy_format
@@ -123,6 +123,27 @@ RESOURCE_DTYPE: np.dtype[np.void] = np.dtype(list(RESOURCE_FIELDS))
 INTERFERENCE_DTYPE: np.dtype[np.void] = np.dtype(list(INTERFERENCE_FIELDS))
 DEVICE_DTYPE: np.dtype[np.void] = np.dtype(list(DEVICE_FIELDS))
 ANATOMY_DTYPE: np.dtype[np.void] = np.dtype(list(ANATOMY_FIELDS))
+
+SampleKind = Literal[
+    "playback", "work", "monitor", "anatomy", "resources", "interference", "devices"
+]
+DTYPES: Final[dict[SampleKind, np.dtype[np.void]]] = {
+    "playback": PLAYBACK_DTYPE,
+    "work": WORK_DTYPE,
+    "monitor": MONITOR_DTYPE,
+    "anatomy": ANATOMY_DTYPE,
+    "resources": RESOURCE_DTYPE,
+    "interference": INTERFERENCE_DTYPE,
+    "devices": DEVICE_DTYPE,
+}
+"""The type of the rows of each kind of samples."""
+OF_RUN: Final = frozenset[SampleKind]({"resources", "interference", "devices"})
+"""Those of the whole run, and not of a segment."""
+
+
+def sample_file(kind: SampleKind, monitor: str = "") -> str:
+    """Return the name of the file of some samples; those of a monitor have its name."""
+    return f"{kind}.{monitor}.npy" if monitor else f"{kind}.npy"
 
 
 def write_rows(path: Path, rows: Rows, dtype: np.dtype[np.void]) -> str:

@@ -139,16 +139,16 @@ class Simulation:
         folder.write_spec("r2bspec: 1\nname: simulated\n")
         played = self._played()
         for segment, rows in played:
-            folder.write_playback(segment.id, rows.playback)
+            folder.write_rows("playback", rows.playback, segment.id)
             for name, seen in rows.monitors.items():
-                folder.write_monitor(segment.id, name, seen)
-            folder.write_work(segment.id, self._work(segment, rows.playback.size))
+                folder.write_rows("monitor", seen, segment.id, name)
+            folder.write_rows("work", self._work(segment, rows.playback.size), segment.id)
         end_ns = self._end_ns(played)
-        folder.write_resources(self._resources(end_ns))
+        folder.write_rows("resources", self._resources(end_ns))
         if self.interference:
-            folder.write_interference(self._interference(end_ns))
+            folder.write_rows("interference", self._interference(end_ns))
         if self.devices:
-            folder.write_devices(self._devices(end_ns))
+            folder.write_rows("devices", self._devices(end_ns))
         folder.write_record(self._record(plan, tuple(segment for segment, _ in played)))
         return open_run(path)
 

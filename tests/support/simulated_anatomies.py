@@ -445,7 +445,7 @@ class ObservedSimulation(Simulation):
         run = super().write(path)
         found = observed(self.graph)
         folder = RunFolder(path)
-        folder.write_anatomy(run.record.segments[0].id, self.left(found))
+        folder.write_rows("anatomy", self.left(found), run.record.segments[0].id)
         processes = tuple(
             msgspec.structs.replace(each, lost=self.lost) for each in found.record.processes
         )

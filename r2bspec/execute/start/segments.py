@@ -470,13 +470,13 @@ class SegmentPlayer:
         )
         folder = self._context.folder
         self._step_stamps.remember(observation.playback, first[""])
-        folder.write_playback(segment.id, observation.playback)
+        folder.write_rows("playback", observation.playback, segment.id)
         work = np.empty(0, WORK_DTYPE)
         if segment.kind in _JUDGED_KINDS:
             work = self._work()
-            folder.write_work(segment.id, work)
+            folder.write_rows("work", work, segment.id)
         for name, rows in observation.monitors.items():
-            folder.write_monitor(segment.id, name, rows)
+            folder.write_rows("monitor", rows, segment.id, name)
             self._next_rows[name] = first[name] + rows.size
         observed = None
         if self._anatomy is not None and segment.kind in _OBSERVED_KINDS:

@@ -16,7 +16,7 @@ parts are taken. None is unknown.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from r2bspec.judge.measure.distribution import (
     MAIN_PERCENTILES,
@@ -36,6 +36,38 @@ if TYPE_CHECKING:
 _MAIN: Final = (*MAIN_PERCENTILES, "max")
 _ONE: Final = ("",)
 """The columns of a metric that is one value."""
+_WORK_PARTS: Final = ("mean", "p50", "p90")
+_OBSERVED_PARTS: Final = ("mean", *SHORT_PERCENTILES, "max")
+
+# Traits that several metrics have in common.
+_OF_OUTPUTS: Final[dict[str, Any]] = {
+    "parts": PARTS,
+    "noun": "outputs",
+    "lost_is_slowest": True,
+    "of_pairs": True,
+    "at_any": True,
+    "by_turns": True,
+}
+_OF_INTERVALS: Final[dict[str, Any]] = {
+    "parts": PARTS,
+    "at_own_pace": True,
+    "live": True,
+    "level": "the interval between outputs",
+}
+_COUNTED: Final[dict[str, Any]] = {"at_any": True, "required": False}
+_FAULT: Final[dict[str, Any]] = {
+    "counts_faults": True,
+    "needs_stamp_matching": True,
+    "section": "messages",
+}
+_OF_DEVICES: Final[dict[str, Any]] = {
+    "parts": ("mean", "max"),
+    "live": True,
+    "compared": ("mean",),
+}
+_USE: Final[dict[str, Any]] = {**_OF_DEVICES, "by_turns": True}
+_OF_WORK: Final[dict[str, Any]] = {"parts": _WORK_PARTS, "by_turns": True, "compared": ("p50",)}
+_OF_MESSAGES: Final[dict[str, Any]] = {"parts": _OBSERVED_PARTS, "noun": "messages", "live": True}
 
 
 @metric(
@@ -74,20 +106,15 @@ def throughput(seen: MonitorSamples) -> dict[str, float]:
     Scope.MONITOR,
     "time",
     "time from publication of the input to reception of the output",
-    parts=PARTS,
-    noun="outputs",
-    lost_is_slowest=True,
-    of_pairs=True,
-    at_any=True,
     of_stamps=True,
     live=True,
-    by_turns=True,
     level="the latency",
     columns=_MAIN,
     column_of=("answers", "any", "live"),
     section="latency",
     compared=("mean", *MAIN_PERCENTILES),
     range_of=("mean", *_MAIN),
+    **_OF_OUTPUTS,
 )
 def latency(seen: MonitorSamples) -> Seconds:
     """The time from the publication of a step, when the publishing of its first input begins, to
@@ -105,16 +132,11 @@ def latency(seen: MonitorSamples) -> Seconds:
     Scope.MONITOR,
     "time",
     "time from the due time of the input to reception of the output",
-    parts=PARTS,
-    noun="outputs",
-    lost_is_slowest=True,
-    of_pairs=True,
-    at_any=True,
-    by_turns=True,
     level="the latency from the due time",
     title="from due,",
     section="latency",
     section_parts=(TAIL_PERCENTILE,),
+    **_OF_OUTPUTS,
 )
 def latency_from_due(seen: MonitorSamples) -> Seconds:
     """As latency, but from the time at which the publication was due, with the delay of the player.
@@ -157,13 +179,10 @@ def age(seen: MonitorSamples) -> Seconds:
     Scope.MONITOR,
     "time",
     "time between consecutive outputs",
-    parts=PARTS,
     noun="intervals",
     fewer=1,
-    at_own_pace=True,
-    live=True,
-    level="the interval between outputs",
     title="interval",
+    **_OF_INTERVALS,
 )
 def interval(seen: MonitorSamples) -> Seconds:
     """The time between two consecutive outputs, in the order of arrival, without duplicates.
@@ -178,17 +197,14 @@ def interval(seen: MonitorSamples) -> Seconds:
     Scope.MONITOR,
     "time",
     "absolute difference of consecutive intervals",
-    parts=PARTS,
     noun="changes of the interval",
     fewer=2,
-    at_own_pace=True,
-    live=True,
-    level="the interval between outputs",
     zero_is_ordinary=True,
     title="jitter",
     section="latency",
     section_parts=(TAIL_PERCENTILE,),
     range_of=(TAIL_PERCENTILE,),
+    **_OF_INTERVALS,
 )
 def jitter(seen: MonitorSamples) -> Seconds:
     """How much consecutive intervals differ.
@@ -212,11 +228,10 @@ def steps_played(played: PlaybackSamples) -> int:
     Scope.MONITOR,
     "count",
     "steps that count for the monitor",
-    at_any=True,
-    required=False,
     columns=_ONE,
     column_of=("answers", "any"),
     section="messages",
+    **_COUNTED,
 )
 def sent(seen: MonitorSamples) -> int:
     """Steps that the player has published and that count for the monitor.
@@ -305,9 +320,8 @@ def drop_rate(seen: MonitorSamples) -> float | None:
     Scope.MONITOR,
     "count",
     "outputs after the end of the segment",
-    at_any=True,
-    required=False,
     section="messages",
+    **_COUNTED,
 )
 def late(seen: MonitorSamples) -> int:
     """Outputs that arrived after the period of the last step had ended.
@@ -322,9 +336,7 @@ def late(seen: MonitorSamples) -> int:
     Scope.MONITOR,
     "count",
     "repeated outputs of a step",
-    counts_faults=True,
-    needs_stamp_matching=True,
-    section="messages",
+    **_FAULT,
 )
 def duplicates(seen: MonitorSamples) -> int:
     """Outputs of a step that already has an output.
@@ -339,9 +351,7 @@ def duplicates(seen: MonitorSamples) -> int:
     Scope.MONITOR,
     "count",
     "outputs after that of a later step",
-    counts_faults=True,
-    needs_stamp_matching=True,
-    section="messages",
+    **_FAULT,
 )
 def reordered(seen: MonitorSamples) -> int:
     """First outputs of a step that arrived after the output of a later step (RFC 4737).
@@ -373,9 +383,8 @@ def unmatched(seen: MonitorSamples) -> int:
     Scope.MONITOR,
     "count",
     "unmatched outputs of an earlier segment",
-    at_any=True,
-    required=False,
     section="messages",
+    **_COUNTED,
 )
 def overdue(seen: MonitorSamples) -> int:
     """Of the unmatched, outputs of steps of an earlier segment, which had ended.
@@ -390,8 +399,7 @@ def overdue(seen: MonitorSamples) -> int:
     Scope.MONITOR,
     "count",
     "outputs before their step was published",
-    at_any=True,
-    required=False,
+    **_COUNTED,
 )
 def early(seen: MonitorSamples) -> int:
     """Outputs that arrived before their step was published: matching by order has gone wrong.
@@ -477,11 +485,8 @@ def _memory(used: ResourceUse) -> dict[str, float | None]:
     "processor time",
     title="CPU",
     columns=("mean", "max"),
-    compared=("mean",),
-    parts=("mean", "max"),
     whats={"mean": "processor time; one core is 100 %", "max": _BUSIEST},
-    live=True,
-    by_turns=True,
+    **_USE,
 )
 def cpu(used: ResourceUse) -> dict[str, float | None]:
     """The processor time of a process, with its threads and descendants; 100 % is one core. Sampled
@@ -518,14 +523,11 @@ def memory(used: ResourceUse) -> dict[str, float | None]:
     Scope.GRAPH,
     "share",
     "processor time",
-    compared=("mean",),
-    parts=("mean", "max"),
     whats={
         "mean": "the same of all processes of the graph",
         "max": "the same in their busiest sample",
     },
-    live=True,
-    by_turns=True,
+    **_USE,
 )
 def cpu_of_graph(used: ResourceUse) -> dict[str, float | None]:
     """The processor time of all processes of the graph, without those of player and monitors,
@@ -553,9 +555,6 @@ def memory_of_graph(used: ResourceUse) -> dict[str, float | None]:
     return _memory(used)
 
 
-_WORK_PARTS: Final = ("mean", "p50", "p90")
-
-
 @metric(
     "work.<process>",
     Scope.WORK,
@@ -563,9 +562,7 @@ _WORK_PARTS: Final = ("mean", "p50", "p90")
     "processor time per step",
     title="work",
     columns=("p50", "p90"),
-    compared=("p50",),
-    parts=_WORK_PARTS,
-    by_turns=True,
+    **_OF_WORK,
 )
 def work(used: Seconds) -> Seconds:
     """The processor time that a process and its descendants use from when a step is due until the
@@ -583,9 +580,7 @@ def work(used: Seconds) -> Seconds:
     Scope.WORK,
     "time",
     "processor time per step",
-    compared=("p50",),
-    parts=_WORK_PARTS,
-    by_turns=True,
+    **_OF_WORK,
 )
 def work_of_graph(used: Seconds) -> Seconds:
     """The same of all processes of the graph together.
@@ -632,9 +627,6 @@ def memory_of_machine(used: ResourceUse) -> dict[str, float | None]:
 
 def _counter(used: DeviceUse, name: str) -> dict[str, float | None]:
     return {"mean": used.mean.get(name), "max": used.most.get(name)}
-
-
-_OF_DEVICES: Final = {"parts": ("mean", "max"), "live": True, "compared": ("mean",)}
 
 
 @metric("gpu.utilization", Scope.DEVICE, "share", "time in which kernels ran", **_OF_DEVICES)
@@ -732,19 +724,14 @@ def package_energy(used: DeviceUse) -> float | None:
     return used.per_step.get("package_j")
 
 
-_OBSERVED_PARTS: Final = ("mean", *SHORT_PERCENTILES, "max")
-
-
 @metric(
     "<node>.wait",
     Scope.ANATOMY,
     "time",
     "time from when the middleware has received a message to when it is taken",
-    parts=_OBSERVED_PARTS,
-    noun="messages",
     of_one_node=True,
-    live=True,
     compared=SHORT_PERCENTILES,
+    **_OF_MESSAGES,
 )
 def wait(times: Seconds) -> Seconds:
     """How long a message waits until the node takes it, because its executor is busy or its thread
@@ -760,10 +747,8 @@ def wait(times: Seconds) -> Seconds:
     Scope.ANATOMY,
     "time",
     "time to take a message from the middleware",
-    parts=_OBSERVED_PARTS,
-    noun="messages",
     of_one_node=True,
-    live=True,
+    **_OF_MESSAGES,
 )
 def take(times: Seconds) -> Seconds:
     """How long a node takes to get a message from the middleware, with its deserialisation; for
@@ -799,10 +784,8 @@ def callback(times: Seconds) -> Seconds:
     Scope.ANATOMY,
     "time",
     "time from the stamp of the publication to that of the reception",
-    parts=_OBSERVED_PARTS,
-    noun="messages",
-    live=True,
     compared=SHORT_PERCENTILES,
+    **_OF_MESSAGES,
 )
 def transport(times: Seconds) -> Seconds:
     """How long messages travel from their publisher to a subscription, with serialisation and the

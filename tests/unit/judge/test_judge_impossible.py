@@ -60,7 +60,7 @@ def rewrite(run: Run, change: Callable[[Rows, Rows], Rows]) -> Run:
     folder = RunFolder(run.folder)
     for segment in run.record.segments:
         rows = change(run.playback(segment), run.monitor(segment, "detections"))
-        folder.write_monitor(segment.id, "detections", rows)
+        folder.write_rows("monitor", rows, segment.id, "detections")
     folder.write_record(run.record)
     return open_run(run.folder)
 

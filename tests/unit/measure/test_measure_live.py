@@ -52,8 +52,8 @@ def live_run(
         shifted = rows.copy()
         for field in ("received_ns", "stamp_ns") if rows["stamp_ns"].any() else ("received_ns",):
             shifted[field] += (number - 1) * 2 * SECOND
-        folder.write_playback(name, np.empty(0, PLAYBACK_DTYPE))
-        folder.write_monitor(name, "detections", shifted)
+        folder.write_rows("playback", np.empty(0, PLAYBACK_DTYPE), name)
+        folder.write_rows("monitor", shifted, name, "detections")
         began_ns = EPOCH_NS + (number - 1) * 2 * SECOND
         segments.append(
             msgspec.structs.replace(

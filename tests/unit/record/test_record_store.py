@@ -76,9 +76,9 @@ def test_a_place_that_cannot_be_written_is_an_error_with_a_hint(tmp_path: Path) 
 def test_names_stay_inside_the_folder(tmp_path: Path, name: str) -> None:
     folder = RunFolder.create(tmp_path / "run")
     with pytest.raises(RecordError, match="file name"):
-        folder.write_playback(name, np.empty(0, PLAYBACK_DTYPE))
+        folder.write_rows("playback", np.empty(0, PLAYBACK_DTYPE), name)
     with pytest.raises(RecordError, match="file name"):
-        folder.write_monitor("iteration-001", name, np.empty(0, MONITOR_DTYPE))
+        folder.write_rows("monitor", np.empty(0, MONITOR_DTYPE), "iteration-001", name)
     with pytest.raises(RecordError, match="file name"):
         folder.log_path(name)
 
@@ -239,6 +239,6 @@ def test_a_run_that_was_killed_while_its_samples_grew_is_read(tmp_path: Path) ->
     run = SIMULATION.write(tmp_path / "run")
     folder = RunFolder(run.folder)
     folder.write_record(msgspec.structs.replace(run.record, status="incomplete"))
-    folder.write_resources(run.resources()[:1])
-    folder.write_playback("iteration-009", run.playback(run.record.segments[0]))
+    folder.write_rows("resources", run.resources()[:1])
+    folder.write_rows("playback", run.playback(run.record.segments[0]), "iteration-009")
     assert open_run(run.folder).resources().size == 1
