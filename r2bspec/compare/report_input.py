@@ -16,8 +16,8 @@ import msgspec
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.judge.decision_policy import decision_policy
 from r2bspec.judge.judge_run import build_result, from_json, result_of
+from r2bspec.judge.measure.anatomy_summary import anatomy_summaries
 from r2bspec.judge.measure.metrics import summarise
-from r2bspec.judge.measure.observed_runs import anatomy_summaries
 from r2bspec.judge.measure.run_samples import merged_samples, read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.pair_comparison import Pairs, judge_comparison

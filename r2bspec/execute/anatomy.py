@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from r2bspec.execute.processes.prerequisites import built
-from r2bspec.judge.measure.observed_runs import ObservedRows
+from r2bspec.judge.measure.anatomy_summary import ObservedRows
 from r2bspec.native.build import anatomy_environment, anatomy_object
 from r2bspec.record.anatomy_files import AnatomyReader, file_bytes
 from r2bspec.record.run_record import AnatomyProcess, AnatomyRecord

@@ -15,9 +15,8 @@ import msgspec
 from r2bspec.diagnostics.plain_text import escaped_json
 from r2bspec.judge.confirmation import confirm_run, needs_confirmation
 from r2bspec.judge.decision_policy import DecisionPolicy, decision_policy, without_own_confidence
-from r2bspec.judge.measure.anatomy_summary import AnatomySummary
+from r2bspec.judge.measure.anatomy_summary import AnatomySummary, anatomy_summaries
 from r2bspec.judge.measure.metrics import RunMetrics, summarise
-from r2bspec.judge.measure.observed_runs import anatomy_summaries
 from r2bspec.judge.measure.run_samples import read_samples
 from r2bspec.judge.measure.samples import RunSamples
 from r2bspec.judge.methods.peak_bracket import with_refuted_peak

@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 
 from c_nodes import c_node, c_node_spec
 from r2bspec.judge.measure.anatomy import Anatomy
-from r2bspec.judge.measure.observed_runs import join_segment
+from r2bspec.judge.measure.anatomy_summary import join_segment
 from r2bspec.judge.measure.run_samples import match_segment
 from r2bspec.record.run_record import Segment
 from ros_runs import Bench, Finished, relay_node, relay_spec

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from r2bspec.judge.measure.observed_runs import join_segment
+from r2bspec.judge.measure.anatomy_summary import join_segment
 from r2bspec.judge.measure.run_samples import match_segment
 from ros_runs import IMAGE, STRING, Bench, Finished, relay_node
 from ros_runs import bench as bench

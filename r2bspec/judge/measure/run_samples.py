@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from r2bspec.judge.measure.anatomy_summary import summarised
+from r2bspec.judge.measure.anatomy_summary import ObservedRows, observed_values, summarised
 from r2bspec.judge.measure.host_usage import (
     MACHINE_INDEX,
     ProcessSamples,
@@ -29,7 +29,6 @@ from r2bspec.judge.measure.matching import (
     source_times_ns,
 )
 from r2bspec.judge.measure.metric_catalogue import WHOLE_GRAPH, Subjects
-from r2bspec.judge.measure.observed_runs import ObservedRows, observed_values
 from r2bspec.judge.measure.sample_table import PlayedEarlier, live_samples, monitor_samples
 from r2bspec.judge.measure.samples import RunSamples, SegmentSamples, playback_samples
 from r2bspec.judge.measure.times import Seconds
