@@ -11,7 +11,7 @@ from r2bspec.bags.offered_qos import offered_profile
 from r2bspec.bags.recording import TimeWindow, TopicInfo
 from r2bspec.diagnostics.quote import pluralize
 from r2bspec.interop.spec_text import Block, document, identifier, unique_name
-from r2bspec.judge.statistics.binomial import min_sample_size
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.benchmark_defaults import default_starts
 from r2bspec.language.quantities import Duration
 from r2bspec.plan.interim_looks import InterimLooks

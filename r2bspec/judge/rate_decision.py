@@ -56,7 +56,8 @@ from numpy.typing import NDArray
 from r2bspec.judge.measure.delivery import DeliveryEstimate, delivery
 from r2bspec.judge.measure.matching import Matching
 from r2bspec.judge.stationarity import CompletionTimes
-from r2bspec.judge.statistics.binomial import min_sample_size, upper_bound
+from r2bspec.judge.statistics.binomial import upper_bound
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.judge.statistics.t_interval import t_quantile
 from r2bspec.judge.statistics.trend import trend
 from r2bspec.language.benchmark_defaults import (

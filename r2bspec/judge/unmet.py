@@ -40,8 +40,9 @@ import numpy as np
 from r2bspec.judge.measure.times import Seconds
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.requirement_case import RequirementCase
-from r2bspec.judge.statistics.binomial import lower_bound, upper_bound, zero_failure_bound
+from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.percentile_interval import allowed_share
+from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import RequirementVerdict
 from r2bspec.language.benchmark_defaults import CONFIDENCE
 

@@ -8,7 +8,7 @@ from lsprotocol import types
 
 from r2bspec.check.check_context import KnownMetric, max_wrong_share
 from r2bspec.diagnostics import Path, format_path
-from r2bspec.judge.statistics.binomial import min_sample_size
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.declaration import rule_at
 from r2bspec.language.explain_violations import to_flow_yaml
 from r2bspec.language.located_tree import ListNode, MapNode, ScalarNode, lookup, to_plain

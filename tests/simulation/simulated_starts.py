@@ -28,8 +28,8 @@ from simulated_gates import (
 from nightly import size
 from r2bspec.judge.decision_policy import DecisionPolicy
 from r2bspec.judge.pipeline import judge
-from r2bspec.judge.statistics.binomial import zero_failure_bound
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
+from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.statistics.shares import ShareLimit
 from r2bspec.judge.statistics.t_interval import (
     hierarchical_interval,

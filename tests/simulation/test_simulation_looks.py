@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from nightly import size
-from r2bspec.judge.statistics.binomial import zero_failure_bound
+from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.statistics.t_interval import scatter_level
 from r2bspec.plan.interim_looks import InterimLooks
 

@@ -14,7 +14,7 @@ from r2bspec.diagnostics.diagnostic import Path
 from r2bspec.diagnostics.quote import quote
 from r2bspec.judge.measure.metric import Scope
 from r2bspec.judge.measure.metric_catalogue import listed
-from r2bspec.judge.statistics.binomial import min_sample_size
+from r2bspec.judge.statistics.rule_of_three import min_sample_size
 from r2bspec.language.benchmark_defaults import LEAST_STARTS, MIN_CONFIDENCE
 from r2bspec.language.quantities import Rate
 from r2bspec.language.spec import Monitor, Objective

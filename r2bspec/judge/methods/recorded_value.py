@@ -33,7 +33,7 @@ from r2bspec.judge.measure.metric_values import metric_value, time_value
 from r2bspec.judge.measure.samples import pool_segments
 from r2bspec.judge.measure.units import show
 from r2bspec.judge.requirement_case import Decision, RequirementCase, undecided, unmeasured
-from r2bspec.judge.statistics.binomial import zero_failure_bound
+from r2bspec.judge.statistics.rule_of_three import zero_failure_bound
 from r2bspec.judge.verdict import Outcome
 from r2bspec.record.run_record import RunRecord
 

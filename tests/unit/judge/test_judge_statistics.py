@@ -11,14 +11,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from r2bspec.judge.statistics.binomial import (
-    lower_bound,
-    min_sample_size,
-    upper_bound,
-    zero_failure_bound,
-)
+from r2bspec.judge.statistics.binomial import lower_bound, upper_bound
 from r2bspec.judge.statistics.more_pieces import mean_decides, more_pieces, share_decides
 from r2bspec.judge.statistics.percentile_interval import RankedMessages, percentile_interval
+from r2bspec.judge.statistics.rule_of_three import min_sample_size, zero_failure_bound
 from r2bspec.judge.statistics.shares import ShareBounds, ShareLimit, bounds_of_flags
 from r2bspec.judge.statistics.t_interval import mean_interval
 from r2bspec.language.benchmark_defaults import CONFIDENCE
