@@ -1,8 +1,9 @@
 """First specs from what a person has: a recording, a launch file, a node, a running system.
 
 Each source adds nodes to a draft, and notes what it does not tell; the recording adds the inputs.
-`draft_text` writes the spec, `launch_source` reads launch files; nothing is executed. Nodes of the
-running ROS graph are external nodes of a spec, because a graph does not tell how they are started.
+`draft_text` writes the spec. A launch file in Python is executed with stand-ins (`launch_source`);
+nothing else is. Nodes of the running ROS graph are external nodes of a spec, because a graph does
+not tell how they are started.
 """
 
 from __future__ import annotations
