@@ -12,7 +12,6 @@ import contextlib
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from itertools import islice
 from typing import Any
 
 import msgspec
@@ -21,17 +20,10 @@ from msgspec.structs import replace
 from r2bspec.diagnostics.diagnostic import Diagnostic, Severity, Span, split_lines
 from r2bspec.diagnostics.quote import did_you_mean, quote
 
-TOO_LARGE = "R2B002"
 WAIVER_WITHOUT_REASON = "R2B040"
 UNKNOWN_CODE = "R2B041"
 UNUSED_WAIVER = "R2B042"
 NOT_WAIVABLE = "R2B043"
-
-MAX_WAIVERS = 25_000
-"""Of one document; one of several codes counts as often."""
-MAX_FINDINGS = 1000
-"""Findings beyond which no findings about waivers are added: more would not help."""
-
 
 _WAIVER_SYNTAX = "# r2bspec: ignore[CODE] reason"
 # What is before the ``#`` is looked at after it was found: a search for one character is fast.
@@ -76,13 +68,7 @@ def apply_waivers(
         complete: whether everything was checked, so that a waiver without a finding is unused.
     """
     found = list(found)
-    waivers: list[Waiver] = []
-    for file, text in texts.items():
-        waivers += islice(waivers_in(text, file), MAX_WAIVERS + 1)
-        if len(waivers) > MAX_WAIVERS or _has_too_many_comments(text):
-            message = f"more than {MAX_WAIVERS:,} waivers; none of them has an effect"
-            place = Span.of_file(file)
-            return [*found, Diagnostic.error(TOO_LARGE, message, place, "correct what they waive")]
+    waivers = [waiver for file, text in texts.items() for waiver in waivers_in(text, file)]
     if not waivers:
         return found
     slugs = known()
@@ -106,8 +92,6 @@ def apply_waivers(
             help_text = "fix the error and remove the waiver"
             left += [finding, _warning(NOT_WAIVABLE, message, waiver, help_text)]
     for waiver in waivers:
-        if len(left) >= MAX_FINDINGS:
-            break
         key = (waiver.span.file, waiver.line, waiver.code)
         left += _check_waiver(waiver, slugs, unused=complete and key not in used)
     return left
@@ -127,10 +111,6 @@ def effective_waivers(texts: Mapping[str, str], slugs: Mapping[str, str]) -> Ite
                 yield resolved
 
 
-def _has_too_many_comments(text: str) -> bool:
-    return next(islice(_COMMENT.finditer(text), MAX_WAIVERS, None), None) is not None
-
-
 def may_contain_waiver(text: str) -> bool:
     """Return True if a text may contain a waiver, by a fast search.
 
@@ -141,7 +121,7 @@ def may_contain_waiver(text: str) -> bool:
 
 def waivers_in(text: str, file: str) -> Iterator[Waiver]:
     """Yield every waiver in the comments of a text."""
-    if not may_contain_waiver(text) or _has_too_many_comments(text):
+    if not may_contain_waiver(text):
         return
     lines = split_lines(text)
     hidden = _value_spans(text)

@@ -77,22 +77,6 @@ _KINDS: Final = (
 _BLOCK_BYTES: Final = 1 << 20
 
 
-class ByteBudget:
-    """The bytes that several files may have together.
-
-    Args:
-        max_bytes: over all of them.
-    """
-
-    def __init__(self, max_bytes: int) -> None:
-        self.max_bytes = max_bytes
-        self.left = max_bytes
-
-    def spend(self, number_of_bytes: int) -> None:
-        """Count the bytes of another file; no more than `left`."""
-        self.left -= number_of_bytes
-
-
 def open_regular(path: Path, *, folders: Iterable[Path] | None = None) -> BinaryIO:
     """Open a regular file for reading.
 
@@ -123,7 +107,6 @@ def read_bytes(
     *,
     max_bytes: int,
     folders: Iterable[Path] | None = None,
-    budget: ByteBudget | None = None,
 ) -> bytes:
     """Return the content of a regular file, read once.
 
@@ -131,26 +114,19 @@ def read_bytes(
         path: as for `open_regular`.
         max_bytes: the most that is read.
         folders: as for `open_regular`.
-        budget: what this file and others may have together; a file that exceeds it uses it up.
 
     Raises:
         TooLargeError: it has more bytes.
         RefusedFileError: as `open_regular`.
         OSError: the system refuses.
     """
-    allowed = max_bytes if budget is None else min(max_bytes, budget.left)
     with open_regular(path, folders=folders) as opened:
         unsaved = unsaved_content(path)
         file = opened if unsaved is None else io.BytesIO(unsaved)
-        blocks, left = [], allowed + 1
+        blocks, left = [], max_bytes + 1
         while left and (block := file.read(min(left, _BLOCK_BYTES))):
             blocks.append(block)
             left -= len(block)
-    if budget is not None:
-        budget.spend(min(allowed, allowed + 1 - left))
-    if not left and budget is not None and allowed < max_bytes:
-        limit = f"{budget.max_bytes:,} bytes"
-        raise TooLargeError(f"it and the files read before have more than {limit} together")
     if not left:
         raise TooLargeError(f"it is larger than {max_bytes:,} bytes")
     return b"".join(blocks)
@@ -161,7 +137,6 @@ def read_text(
     *,
     max_bytes: int,
     folders: Iterable[Path] | None = None,
-    budget: ByteBudget | None = None,
 ) -> str:
     """Return the content of a file in UTF-8; arguments and errors as for `read_bytes`.
 
@@ -169,7 +144,7 @@ def read_text(
         RefusedFileError: it is not UTF-8, or as `read_bytes`.
         OSError: the system refuses.
     """
-    content = read_bytes(path, max_bytes=max_bytes, folders=folders, budget=budget)
+    content = read_bytes(path, max_bytes=max_bytes, folders=folders)
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
