@@ -1,9 +1,9 @@
 """The table of samples of a monitor: a row is an expected output, or another received message.
 
 For an expected output, which may never have come, a row says when its step was due and published;
-for every message, when it was received. Rows belong to spans: to segments, or to windows of a
-segment, whose start and rate are those of the segment. Several iterations are one table, joined;
-windows and other parts are selected by masks. All metrics of a monitor are computed from its table.
+for every message, when it was received. Rows belong to spans, one per segment. Several iterations
+are one table, joined; parts are selected by masks. All metrics of a monitor are computed from its
+table.
 
 Where inputs may have any number of outputs, each output that came counts as expected. In a live
 run, and of outputs with a pace of their own, nothing is due. Each message then counts as
@@ -65,7 +65,7 @@ _NOTHING: Final[Seconds] = np.empty(0)
 
 @dataclass(frozen=True)
 class Span:
-    """A segment, or a window of it, and the time in which outputs of it are due.
+    """A segment, and the time in which outputs of it are due.
 
     Attributes:
         segment: that it is, or is of.
@@ -133,7 +133,7 @@ class MonitorSamples:
 
     Attributes:
         rows: of type `SAMPLE_DTYPE`, in the order of the spans.
-        spans: one segment, several that are joined, or a window.
+        spans: one segment, or several that are joined.
         per_step: expected outputs per step, on average.
         by_order: whether outputs are matched by order. If one is then missing, too many or early,
             it is unknown which step each of them answers.
