@@ -38,7 +38,6 @@ from rclpy.utilities import get_default_context
 from r2bspec.harness import node_main, rclpy_tools
 from r2bspec.harness.control_channel import Channel, ChannelClosedError
 from r2bspec.ipc import protocol
-from r2bspec.ipc.protocol import callback_failure
 from r2bspec.plan.plan import NodePlan
 from r2bspec.plan.wiring.name_resolution import NODE_TOPICS, expand
 
@@ -360,27 +359,17 @@ def _lifecycle_mixin() -> Any:
 def _reporting(node: Node, callback: Callable[[Any], Any]) -> Callable[[Any], Any]:
     from rclpy.lifecycle import TransitionCallbackReturn
 
-    name = getattr(callback, "__name__", "a callback")
-
     @functools.wraps(callback)
     def call(state: Any) -> Any:
-        begin = callback_failure(node.get_fully_qualified_name(), name)
         try:
             result = callback(state)
-        except Exception as error:
+        except Exception:
             traceback.print_exc()
-            place = traceback.extract_tb(error.__traceback__)[-1]
-            where = f"{Path(place.filename).name}, line {place.lineno}"
-            _say(f"{begin}raised {type(error).__name__}: {error} ({where})")
             raise
         if not isinstance(result, TransitionCallbackReturn):
-            _say(f"{begin}returned {result!r}, which is no TransitionCallbackReturn")
+            name = f"{getattr(callback, '__name__', 'a callback')} of {node.get_name()}"
+            sys.stderr.write(f"{name} returned {result!r}, no TransitionCallbackReturn\n")
             return TransitionCallbackReturn.ERROR
         return result
 
     return call
-
-
-def _say(line: str) -> None:
-    sys.stderr.write(f"{line}\n")
-    sys.stderr.flush()

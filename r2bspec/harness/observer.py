@@ -9,28 +9,27 @@ joins it can publish on the topics of the run. What it publishes is measured, or
 nodes, like anything else. `PublisherGuard` therefore looks at who publishes.
 
 States of lifecycle nodes are asked for and changed by the services that every such node has, in C++
-as in Python. The answer to a transition says only whether it succeeded; what its callback returned
-is in the event that the node publishes meanwhile.
+as in Python.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-import pwd
 import struct
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final, Literal
 
 import msgspec
+import psutil
 from rclpy.node import Node
 
 from r2bspec.harness import rclpy_tools
 from r2bspec.harness.control_channel import Channel
-from r2bspec.harness.rclpy_tools import ask_services, interface_class, spin_until
+from r2bspec.harness.rclpy_tools import ask_services, interface_class
 from r2bspec.ipc import buffers, protocol
 from r2bspec.ipc.process_cleanup import carries_run_id
 from r2bspec.ipc.protocol import RUN_ID_VARIABLE, ForeignPublisher
@@ -41,10 +40,6 @@ from r2bspec.plan.plan import InputPlan
 _CHANGE, _CHANGE_TYPE = "/change_state", "lifecycle_msgs/srv/ChangeState"
 _TRANSITION_IDS: Final = {"configure": 1, "activate": 3}
 """Of lifecycle_msgs/msg/Transition."""
-
-_PASSING: Final = {"configure": "configuring", "activate": "activating"}
-_EVENT_S = 1.0
-"""An event and the answer of its transition come over different topics, in any order."""
 
 _STATE_S = 2.0
 
@@ -94,44 +89,12 @@ def change_state(
     request = change.Request()
     request.transition.id = _TRANSITION_IDS[command.transition]
     service = f"{command.node}{_CHANGE}"
-    events: list[Any] = []
-    subscription = node.create_subscription(
-        interface_class("lifecycle_msgs/msg/TransitionEvent"),
-        f"{command.node}/transition_event",
-        events.append,
-        10,
-    )
-    try:
-        spin_until(node, lambda: _is_matched(subscription), _EVENT_S)
-        answers = ask_services(
-            node, change, [service], command.timeout_ns / 1e9, request, interrupted
-        )
-        if service not in answers:
-            return protocol.StateChanged(result="no answer")
-        result: Any = "success"
-        if not answers[service].success:
-            passing = _PASSING[command.transition]
-            spin_until(node, lambda: _result(events, passing), _EVENT_S)
-            result = _result(events, passing) or "unknown"
-        state = _states(node, [command.node], _STATE_S)[command.node]
-        return protocol.StateChanged(result=result, state=state)
-    finally:
-        node.destroy_subscription(subscription)
-
-
-def _is_matched(subscription: Any) -> bool:
-    with subscription.handle:
-        return bool(subscription.handle.get_publisher_count())
-
-
-def _result(events: list[Any], passing: str) -> Any:
-    """Return what a callback that did not succeed has returned, by the events of its node.
-
-    Events have the states, and no transition. None without an event.
-    """
-    goals = (event.goal_state.label for event in events if event.start_state.label == passing)
-    goal = next(goals, None)
-    return goal and ("error" if goal == "errorprocessing" else "failure")
+    answers = ask_services(node, change, [service], command.timeout_ns / 1e9, request, interrupted)
+    if service not in answers:
+        return protocol.StateChanged(result="no answer")
+    state = _states(node, [command.node], _STATE_S)[command.node]
+    result: Literal["success", "failure"] = "success" if answers[service].success else "failure"
+    return protocol.StateChanged(result=result, state=state)
 
 
 def discover(node: Node, topics: tuple[str, ...]) -> protocol.Discovered:
@@ -204,8 +167,6 @@ def list_parameters(command: protocol.ListParameters) -> protocol.ParameterLists
 
 
 LOOK_PERIOD_S = 0.2
-_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
-"""What rmw says of a node whose name has not been discovered yet."""
 _MAX_PROCESSES = 3
 
 
@@ -234,15 +195,9 @@ class PublisherGuard:
         self._next_s = time.monotonic() + LOOK_PERIOD_S
         for topic, before in self._counts.items():
             count = self._node.count_publishers(topic)
-            if now or count != before or self._lacks_a_name(topic):
+            if now or count != before:
                 self._counts[topic] = count
                 self._look_at(topic)
-
-    def _lacks_a_name(self, topic: str) -> bool:
-        return any(
-            publisher.topic == topic and _UNKNOWN_NODE in publisher.node
-            for publisher in self._foreign.values()
-        )
 
     def _look_at(self, topic: str) -> None:
         for info in self._node.get_publishers_info_by_topic(topic):
@@ -251,8 +206,7 @@ class PublisherGuard:
             node = rclpy_tools.full_name(info)
             if key in self._foreign:
                 # An endpoint is discovered before its node: the name may come with a later look.
-                if _UNKNOWN_NODE in self._foreign[key].node:
-                    self._foreign[key] = msgspec.structs.replace(self._foreign[key], node=node)
+                self._foreign[key] = msgspec.structs.replace(self._foreign[key], node=node)
             elif key not in self._known:
                 self._known.add(key)
                 processes = list(_processes_of(gid))
@@ -276,12 +230,9 @@ def _processes_of(gid: bytes) -> Iterator[Path]:
 
 def _describe(folder: Path) -> str:
     name, user = "?", "?"
-    with contextlib.suppress(OSError):
-        name = (folder / "comm").read_text(errors="replace").strip()
-        owner = folder.stat().st_uid
-        user = str(owner)
-        with contextlib.suppress(KeyError):
-            user = pwd.getpwuid(owner).pw_name
+    with contextlib.suppress(psutil.Error):
+        process = psutil.Process(int(folder.name))
+        name, user = process.name(), process.username()
     return f"{name} ({folder.name}) of user {user}"
 
 

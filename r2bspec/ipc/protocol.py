@@ -258,11 +258,6 @@ class ListLifecycle(Command, frozen=True, kw_only=True, tag=True):
 Transition = Literal["configure", "activate"]
 
 
-def callback_failure(node: str, callback: str) -> str:
-    """Return the start of the output line that tells why a transition failed in Python."""
-    return f"{callback} of {node} "
-
-
 class ChangeState(Command, frozen=True, kw_only=True, tag=True):
     """Ask a lifecycle node, by its full name, to make a transition."""
 
@@ -436,13 +431,9 @@ class LifecycleStates(Reply, frozen=True, kw_only=True, tag=True):
 
 
 class StateChanged(Reply, frozen=True, kw_only=True, tag=True):
-    """The outcome of a transition: the return value of its callback, or no answer.
+    """The outcome of a transition, and the state of the node then; empty without an answer."""
 
-    `unknown` is a failure without further information. `state` is that of the node afterwards;
-    empty without an answer.
-    """
-
-    result: Literal["success", "failure", "error", "unknown", "no answer"]
+    result: Literal["success", "failure", "no answer"]
     state: str = ""
 
 

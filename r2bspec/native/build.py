@@ -28,7 +28,7 @@ from typing import Literal
 
 from r2bspec.errors import ExitStatus, R2bspecError
 from r2bspec.extras import install_command
-from r2bspec.safe_io.cache_folder import UnusableCacheError, cache_or_temporary_folder, pass_over
+from r2bspec.safe_io.cache_folder import cache_or_temporary_folder
 from r2bspec.safe_io.private_files import private_files, process_folder, temporary_folder
 
 NOT_BUILT = "R2B668"
@@ -202,10 +202,6 @@ def build(
 
 def _find_or_make(digest: str, name: str, command: Sequence[str]) -> Path:
     folder = cache_or_temporary_folder("native")
-    if _is_noexec(folder):
-        pass_over("native", UnusableCacheError("its file system is mounted noexec"))
-        folder = process_folder("native")
-        _require_executable(folder)
     entry = folder / digest
     if (entry / name).is_file():
         return entry / name
@@ -270,23 +266,6 @@ def _digest(
         state.update(f"{file} {status.st_size} {status.st_mtime_ns}\n".encode())
     state.update("\0".join([*compiler, *words]).encode())
     return state.hexdigest()[:40]
-
-
-def _require_executable(folder: Path) -> None:
-    """See that what is built in a folder can be run.
-
-    Raises:
-        BuildError: its file system is mounted noexec.
-    """
-    if _is_noexec(folder):
-        raise BuildError(
-            f"no program can run in {folder.resolve()}: its file system is mounted noexec",
-            hint="Choose a cache folder on another file system in XDG_CACHE_HOME.",
-        )
-
-
-def _is_noexec(folder: Path) -> bool:
-    return bool(os.statvfs(folder).f_flag & os.ST_NOEXEC)
 
 
 PROGRAM = "r2bspec_harness"

@@ -121,8 +121,13 @@ def estimate_time(plan: Plan) -> TimeEstimate:
         "collect": _COLLECT_S,
     }
     phases = {name: seconds for name, seconds in phases.items() if seconds}
+    # By order, a single lost answer lets a drain take its whole time.
+    by_order = any(monitor.match == "order" for monitor in plan.monitors)
+    drain_s = plan.drain_timeout.seconds if by_order else 0.0
     longest_play_s = sum(
-        _play_s(play, max(play.iterations, play.max_iterations)) for play in plan.plays
+        _play_s(play, most) + most * drain_s
+        for play in plan.plays
+        for most in [max(play.iterations, play.max_iterations)]
     )
     most_search_s = _most_search_s(plan)
     longest = sum(phases.values()) + longest_play_s - play_s

@@ -119,10 +119,10 @@ def test_a_manager_in_the_graph_is_left_to_it(chain: Any) -> None:
     [
         pytest.param(
             "raises",
-            "on_configure raised ValueError: there is no model (nodes.py,",
+            "on_configure did not succeed",
             marks=only_nightly(),
         ),
-        ("refuses", "on_configure returned FAILURE"),
+        ("refuses", "on_configure did not succeed"),
     ],
 )
 def test_a_transition_that_fails_is_named_with_its_cause(
@@ -134,7 +134,7 @@ def test_a_transition_that_fails_is_named_with_its_cause(
         done.error
     )
     assert "lifecycle: active" in done.error
-    assert "there is no camera" in done.error or fails != "refuses"
+    assert ("there is no camera" if fails == "refuses" else "there is no model") in done.error
 
 
 @only_nightly()

@@ -149,19 +149,14 @@ class LifecycleNodes:
                 code=TRANSITION_FAILED,
                 blamed=name,
             )
-        # A Python process says what the callback has raised.
-        begin = protocol.callback_failure(name, callback)
-        lines = reversed(child.log_tail().splitlines())
-        raised = next((line.removeprefix(begin) for line in lines if line.startswith(begin)), "")
-        cause = f"{callback} {raised or _CAUSES[changed.result]}"
         now = f"; it is {changed.state} now" if changed.state else ""
         raise _mismatch(
             TRANSITION_FAILED,
             name,
             transition,
-            f"{name} could not {transition}: {cause}{now}",
+            f"{name} could not {transition}: {callback} did not succeed{now}",
             f"correct it, or read the whole output of the node: {child.log}",
-            "" if raised else child.last_output().removeprefix("; "),
+            child.last_output().removeprefix("; "),
         )
 
     def waiting(self, topics: Iterable[str]) -> tuple[Difference, ...]:
@@ -208,13 +203,6 @@ def _not_activated(name: str, state: str, *, is_own: bool) -> Difference:
         if is_own
         else "let its launch file, or a lifecycle manager, configure and activate it",
     )
-
-
-_CAUSES: Final = {
-    "failure": "returned FAILURE",
-    "error": "returned ERROR, or raised an exception",
-    "unknown": "did not succeed",
-}
 
 
 def _mismatch(

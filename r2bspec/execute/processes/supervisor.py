@@ -49,10 +49,6 @@ _WATCHDOG_EXIT_S = 5.0
 _NOT_INSTALLED_PREFIX = "R2B62"
 """The codes for missing software: another attempt would not help."""
 
-_WRONG_RMW_STATUS = 102
-_WRONG_RMW = "Expected RMW implementation identifier"
-"""How rcl ends a process in which another middleware is loaded than RMW_IMPLEMENTATION says."""
-
 _ROLES_WITHOUT_CHANNEL = frozenset({"command", "container"})
 """Roles of programs that are not part of r2bspec."""
 
@@ -254,12 +250,6 @@ class ProcessSupervisor:
             if endpoint.read():
                 self._raise_failure(endpoint)
         output = child.last_output()
-        if child.process.returncode == _WRONG_RMW_STATUS and _WRONG_RMW in output:
-            raise NotInstalledError(
-                f"process {child.name}: the selected middleware (RMW) is not installed{output}",
-                hint="Install it, or unset RMW_IMPLEMENTATION; 'r2bspec doctor' lists what is "
-                "installed.",
-            )
         raise ProcessDiedError(
             f"process {child.name} {describe_exit(child.process.returncode)}{output}",
             hint=f"Its complete output is in {child.log}.",

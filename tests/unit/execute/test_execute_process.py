@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import stat
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -119,18 +118,3 @@ def test_a_process_gets_a_shorter_slice_and_keeps_the_rest(
     assert slice_of(sleeper.pid) == SLICE_NS
     assert os.getpriority(os.PRIO_PROCESS, sleeper.pid) == 19
     assert slice_of(0) == own
-
-
-def test_folders_that_a_node_has_left_beside_logs_end_no_run(tmp_path: Path) -> None:
-    log = tmp_path / "z" / "node.log"
-    log.parent.mkdir()
-    log.write_bytes(lines(0, 2000))
-    Path(tmp_path, *400 * ["d"]).mkdir(parents=True)
-    kept = limited(tmp_path)
-    whole = sys.getrecursionlimit()
-    sys.setrecursionlimit(300)
-    try:
-        kept.truncate_large(now=True)
-    finally:
-        sys.setrecursionlimit(whole)
-    assert kept.truncated == [log]

@@ -227,8 +227,6 @@ def test_a_death_is_reported_with_the_last_lines_of_the_log(stage: Stage) -> Non
 
 
 FAILS = "channel().send(protocol.Failed(code={!r}, message='m', hint={!r}))\n"
-WRONG_RMW = "[rcl]: Expected RMW implementation identifier of 'a' but instead found 'b'"
-LOADS_ANOTHER = f"print({WRONG_RMW!r}, flush=True)\nsys.exit(102)"
 # A fork without exec, as multiprocessing does it, keeps the socket open.
 FORKS = "ends = channel()\nif os.fork() == 0:\n    time.sleep(600)\nsys.exit(5)"
 NO_TEXT = "os.write(1, b'\\xff\\xfe caf\\xc3\\xa9\\n'); sys.exit(1)"
@@ -243,7 +241,6 @@ DIED, FAILED, MISSING = ProcessDiedError, ProcessFailedError, NotInstalledError
         ("sys.exit(102)", DIED, "exited with status 102"),
         (NO_TEXT, DIED, "caf\u00e9"),
         (FORKS, DIED, "exited with status 5"),
-        (LOADS_ANOTHER, MISSING, r"middleware \(RMW\) is not installed"),
         (FAILS.format("R2B624", "") + SLEEPS, MISSING, "^node: m$"),
         # What it says before it dies is the reason.
         (FAILS.format("R2B633", "fix it") + "sys.exit(1)", FAILED, "^node: m$"),

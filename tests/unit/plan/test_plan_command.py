@@ -120,7 +120,7 @@ def search(probe_s: int, confirm_s: int) -> SearchPlan:
         ({"play": plays(2, 10, 5)}, 102, 102),
         ({"play": plays(2, 10, 5, most=20)}, 102, 408),
         # The confirmation of a failure starts everything once more.
-        ({"play": plays(1, 10, 10), "gate": GatePlan()}, 102, 2 * 102 + 5.9),
+        ({"play": plays(1, 10, 10), "gate": GatePlan()}, 102, 2 * 102 + 4.4),
         ({"play": plays(1, 10, 10), "gate": GatePlan(time_budget_ns=130 * 10**9)}, 102, 130),
         # Each of the later starts takes time, but less than the first.
         ({"play": plays(1, 2, 10), "starts": 5}, 22 + 4 * 4.1, 22 + 4 * 4.1),

@@ -123,8 +123,6 @@ def text(result: Result) -> Callable[[str], str]:
         ("R2B204: node /r2b/a has no topic 'x' that could be remapped", "text"),
         ("3 matched no input, 2 arrived in a later segment (counted as missed)", "text"),
         ("1 arrived before the input", "text"),
-        ("between two processes", "text markdown html"),
-        ("120 µs", "text markdown html"),
         (
             "Profile of relay at 30 Hz, with perf: profile/relay/relay.folded, profile/relay/",
             "text markdown html",
