@@ -53,17 +53,8 @@ _EXACT_S = 0.0005
 _LONGEST_WAIT_S = 0.25
 """For answers, without a look for a command."""
 
-_BETWEEN_LOOKS_S = 0.0002
-"""Between two looks at what another player has played, about when a step of it is due."""
-
-_NEAR_S = 0.001
-"""A step of another player may come so much earlier than expected from those before."""
-
-_EXPECTED_S = 0.5
-"""For how long after that a step is looked for so often."""
-
-_RARELY_S = 0.002
-"""Between two looks otherwise."""
+_BETWEEN_LOOKS_S = 0.0005
+"""Between two looks at what another player has played."""
 
 _CALLS = QoSProfile(depth=1000)
 """Of the client: requests that wait for a busy service are not overwritten on this side."""
@@ -316,18 +307,14 @@ class _FollowedSteps:
 
     Args:
         rows: as in `r2bspec.ipc.playback_file.PlaybackReader`.
-        has_period: whether steps come at equal intervals: else the next one may come at once.
 
     Attributes:
         latest_ns: the longest time after which a step was seen.
     """
 
-    def __init__(self, rows: Path, *, has_period: bool) -> None:
-        self._has_period = has_period
+    def __init__(self, rows: Path) -> None:
         self._reader = PlaybackReader(rows, PLAYBACK_FIELDS)
         self._taken = self._reader.count()
-        self._last_ns = 0
-        self._period_ns = 0
         self.latest_ns = 0
 
     def take(self) -> list[_Step]:
@@ -337,19 +324,10 @@ class _FollowedSteps:
         rows = self._reader.read(self._taken)
         self._taken += rows.size
         begun = rows["published_ns"].tolist()
-        self._period_ns = begun[-1] - (begun[-2] if rows.size > 1 else self._last_ns)
-        self._last_ns = begun[-1]
         now_ns = time.monotonic_ns()
         stamps = rows["stamp_ns"].tolist()
         self.latest_ns = max(self.latest_ns, now_ns - begun[0])
         return [_Step(stamp, now_ns - ns) for stamp, ns in zip(stamps, begun, strict=True)]
-
-    def idle_s(self) -> float:
-        """For how long nothing has to be looked for."""
-        left_s = (self._last_ns + self._period_ns - time.monotonic_ns()) / 1e9 - _NEAR_S
-        if left_s > 0 and self._has_period:
-            return min(left_s, _IDLE_S)
-        return _BETWEEN_LOOKS_S if left_s > -_EXPECTED_S else _RARELY_S
 
 
 class CallPlayer:
@@ -357,8 +335,7 @@ class CallPlayer:
 
     def __init__(self, channel: Channel, settings: protocol.ConfigureCalls) -> None:
         self._channel = channel
-        rows, has_period = Path(settings.follows), settings.has_period
-        self._followed = _FollowedSteps(rows, has_period=has_period) if settings.follows else None
+        self._followed = _FollowedSteps(Path(settings.follows)) if settings.follows else None
         self._node = rclpy_tools.start_node("caller" if settings.follows else "player")
         folder, buffers = Path(settings.rows_dir), Path(settings.buffer_dir)
         self._calls = [
@@ -386,7 +363,7 @@ class CallPlayer:
         """
         self._channel.send(protocol.Ready(rmw=rclpy_tools.loaded_rmw()))
         while not self._is_over:
-            self._read_answers(_IDLE_S if self._followed is None else self._followed.idle_s())
+            self._read_answers(_IDLE_S if self._followed is None else _BETWEEN_LOOKS_S)
             for step in self._followed.take() if self._followed is not None else ():
                 for call in self._calls:
                     call.take_step(step)

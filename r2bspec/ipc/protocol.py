@@ -95,7 +95,6 @@ class ConfigureCalls(Command, frozen=True, kw_only=True, tag=True):
         follows: the rows of a player that plays inputs: the services are called in its steps from
             now on, and not at times of their own.
         timeline: the times of the recorded requests, where these are kept.
-        has_period: whether the steps of the player come at equal intervals.
     """
 
     calls: tuple[CallPlan, ...]
@@ -103,7 +102,6 @@ class ConfigureCalls(Command, frozen=True, kw_only=True, tag=True):
     buffer_dir: str
     follows: str = ""
     timeline: TimelineSchedule | None = None
-    has_period: bool = True
 
 
 class LoadSchedule(Command, frozen=True, kw_only=True, tag=True):

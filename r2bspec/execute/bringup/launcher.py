@@ -7,7 +7,6 @@ subscriber, need this order. `r2bspec.execute.graph_matching` waits until all ar
 
 from __future__ import annotations
 
-import contextlib
 import sys
 from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
@@ -389,33 +388,24 @@ class Launcher:
     def run_setup_step(self, step: SetupPlan, note: Callable[[str], None]) -> None:
         """Run a setup step, unless the file that it creates already exists.
 
-        A lock makes concurrent runs with the same file wait for each other, so that one creates it.
-
         Raises:
             StepFailedError: it failed, exceeded its timeout, or did not create its file.
             NotInstalledError: its program is not installed.
         """
         created = self._base_dir / step.creates if step.creates else None
-        lock: contextlib.AbstractContextManager[object] = contextlib.nullcontext()
-        if created is not None:
-            from filelock import FileLock
-
-            created.parent.mkdir(parents=True, exist_ok=True)
-            lock = FileLock(created.with_name(f".{created.name}.lock"))
-        with lock:
-            if created is not None and created.exists():
-                note(f"{step.name}: {step.creates} already exists")
-                return
-            note(f"{step.name}: {' '.join(step.argv)}")
-            environment = self._environment.for_node(step.env)
-            folder = self._base_dir / step.directory
-            # What it makes is the user's, and stays.
-            self._run_command(f"setup.{step.name}", step, environment, folder, user_umask())
-            if created is not None and not created.exists():
-                raise StepFailedError(
-                    f"setup step {step.name} succeeded, but {step.creates} does not exist",
-                    hint="Correct 'creates' of the step; paths are relative to the spec.",
-                )
+        if created is not None and created.exists():
+            note(f"{step.name}: {step.creates} already exists")
+            return
+        note(f"{step.name}: {' '.join(step.argv)}")
+        environment = self._environment.for_node(step.env)
+        folder = self._base_dir / step.directory
+        # What it makes is the user's, and stays.
+        self._run_command(f"setup.{step.name}", step, environment, folder, user_umask())
+        if created is not None and not created.exists():
+            raise StepFailedError(
+                f"setup step {step.name} succeeded, but {step.creates} does not exist",
+                hint="Correct 'creates' of the step; paths are relative to the spec.",
+            )
 
     def _run_command(
         self,
@@ -466,20 +456,6 @@ class Launcher:
         self.configure(child, command)
         self._supervisor.answer(child, protocol.Called, step.timeout_ns / 1e9 + REPLY_TIMEOUT_S)
         self._supervisor.end([child])
-
-    def call_settings(self, plan: Plan, **where: Any) -> protocol.ConfigureCalls:
-        """Return the settings of a process that calls services.
-
-        Args:
-            plan: of the run.
-            where: the other fields of the command.
-        """
-        calls = tuple(
-            msgspec.structs.replace(call, request={}, each=tuple(call.requests))
-            for name, call in plan.called.items()
-            if name == call.name
-        )
-        return protocol.ConfigureCalls(calls=calls, **where)
 
     def configure(self, child: ManagedProcess, command: Any) -> protocol.Ready:
         """Send a harness process its configuration and wait until it is ready.

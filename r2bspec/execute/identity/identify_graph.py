@@ -158,12 +158,6 @@ class WorkspacePackages:
             yield from _files_of(folder)
             waiting += [match.decode() for match in _DEPENDENCY.findall(_manifest(folder))]
 
-    def counterpart(self, package: str, inside: str) -> Path | None:
-        """Return the source of an installed module of a package."""
-        folder = self.folders.get(package)
-        places = (folder / inside, folder / "src" / inside) if folder is not None else ()
-        return next(filter(is_regular, places), None)
-
 
 def _manifest(folder: Path) -> bytes:
     try:
@@ -321,10 +315,7 @@ class _GraphIdentifier:
             path = Path(name)
             if is_installed(path):
                 self._packages |= installed_version(path)
-            elif path.suffix == ".py":
-                self._add_file(parts, path)
-                self._add_counterpart(parts, path)
-            elif not self._digests.is_inside(path) and is_regular(path):
+            elif path.suffix == ".py" or (not self._digests.is_inside(path) and is_regular(path)):
                 self._add_file(parts, path)
         return self._identity(parts)
 
@@ -366,25 +357,6 @@ class _GraphIdentifier:
         if digest is None:
             parts.unknown.append(f"{path} cannot be read")
         else:
-            parts.files[digest.path] = digest
-
-    def _add_counterpart(self, parts: _Parts, installed: Path) -> None:
-        """The source that a module was installed from, in place of the module if they are equal.
-
-        An installation that is older than the sources has both.
-        """
-        folder = next(
-            (parent for parent in installed.parents if parent.name == "site-packages"), None
-        )
-        if folder is None:
-            return
-        inside = installed.relative_to(folder)
-        source = self._workspace.counterpart(inside.parts[0], str(inside))
-        digest = self._digests.digest(source) if source is not None else None
-        copy = self._digests.digest(installed)
-        if digest is not None and copy is not None:
-            if digest.sha256 == copy.sha256:
-                parts.files.pop(copy.path, None)
             parts.files[digest.path] = digest
 
     def _add_package(self, parts: _Parts, package: str) -> None:

@@ -32,6 +32,8 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
+import msgspec
+
 from r2bspec.execute import errors
 from r2bspec.execute.anatomy import AnatomyObservation
 from r2bspec.execute.bringup import harness_processes, readiness
@@ -104,7 +106,6 @@ class Start:
         number: int = 1,
         confirms: bool = False,
         schedule: Schedule | None = None,
-        is_later: bool = False,
     ) -> None:
         """Create a start; no process runs yet.
 
@@ -115,7 +116,6 @@ class Start:
             number: its number among the starts of the run, from 1.
             confirms: whether it is part of the confirmation run.
             schedule: of the player, where an earlier start has built it.
-            is_later: whether it follows another start of the same kind.
         """
         self._plan = plan
         self._context = context
@@ -129,7 +129,6 @@ class Start:
         self.rows_dir = context.scratch / f"rows-{number}"
         self.number = number
         self.confirms = confirms
-        self._is_later = is_later
         self.schedule: Schedule = schedule or CyclicSchedule(steps=())
         measured = plan.processes_in(MEASURE_PHASE)
         self._parts = harness_processes.HarnessProcesses(launcher, measured)
@@ -264,7 +263,7 @@ class Start:
         """
         plan, launcher = self._plan, self._launcher
         self.rows_dir.mkdir()
-        again = f" again: start {self.number}" if self._is_later else ""
+        again = f" again: start {self.number}" if self.number > 1 else ""
         self._enter(RunState.START, f"starting player and monitor{again}")
         launcher.check_shared_memory(plan, MEASURE_PHASE)
         if plan.harness.placement == "graph":
@@ -337,9 +336,8 @@ class Start:
         joins = harness_processes.GraphJoins(self._supervisor, self.rows_dir, *files)
         self._launcher.joins = joins
         try:
-            if self._is_later:
-                packages = message_packages(self._plan)
-                self._launcher.start_early(self._node_processes(), packages, observer=False)
+            packages = message_packages(self._plan)
+            self._launcher.start_early(self._node_processes(), packages, observer=False)
             self._launcher.start_nodes(
                 self._node_processes(), deadline, on_joined=harness.configure
             )
@@ -417,13 +415,17 @@ class Start:
         if plan.timeline is not None and not plan.inputs:
             timeline = build_call_timeline(plan.calls or (), plan.timeline, self._buffer_dir)
             self.schedule = timeline
-        return self._launcher.call_settings(
-            self._plan,
+        calls = tuple(
+            msgspec.structs.replace(call, request={}, each=tuple(call.requests))
+            for name, call in plan.called.items()
+            if name == call.name
+        )
+        return protocol.ConfigureCalls(
+            calls=calls,
             rows_dir=str(self.rows_dir),
             buffer_dir=str(self._buffer_dir),
             follows=follows,
             timeline=timeline,
-            has_period=not plan.arrivals,
         )
 
     def _read_scheduling(self) -> None:
@@ -465,7 +467,7 @@ class Start:
         rates += [plan.search.min_hz] if plan.search else []
         rate_hz = min([_WARM_UP_HZ, *rates])
         title = f"warm-up at {rate_hz:g} Hz" if rate_hz else "warm-up"
-        later = f"start-{self.number}-" if self._is_later else ""
+        later = f"start-{self.number}-" if self.number > 1 else ""
         began_s = time.monotonic()
         for attempt in range(1, 1000):
             segment_player.play_for(
@@ -540,20 +542,13 @@ class StartSequence:
             RunError: a process of the old start has exited, or the new one fails.
         """
         began_ns = time.monotonic_ns()
-        before = self.starts[-1] if self.starts else None
-        self._end_running()
-        start = self._new_start(
-            self.plan,
-            confirms=confirms,
-            is_later=before is not None and before.confirms == confirms,
-        )
+        start = self._next(self.plan, confirms=confirms)
         segment_player = start.bring_up()
-        ready_ns = time.monotonic_ns()
         self.records.append(
             run_record.StartRecord(
                 number=start.number,
                 began_ns=began_ns,
-                ready_ns=ready_ns,
+                ready_ns=time.monotonic_ns(),
                 confirms=confirms,
             )
         )
@@ -566,26 +561,24 @@ class StartSequence:
             RunError: a process of the old start has exited, or the new one fails; likewise where
                 the plan is observed from inside, and what observes it cannot be built (R2B668).
         """
-        self._end_running()
-        return self._new_start(plan, confirms=False, is_later=True).bring_up()
+        return self._next(plan, confirms=False).bring_up()
 
-    def _end_running(self) -> None:
-        if self.starts:
+    def _next(self, plan: Plan, *, confirms: bool) -> Start:
+        """End the current start, if there is one, and return the next, of which no process runs."""
+        before = self.starts[-1] if self.starts else None
+        if before is not None:
             # Detect a process that exited after the last message, which also fails the run.
             self.context.supervisor.pump(0.0)
             self.find_foreign_publishers()
-            self.starts[-1].look_at_loaded_files()
+            before.look_at_loaded_files()
             self.context.supervisor.end(list(self.context.supervisor))
-
-    def _new_start(self, plan: Plan, *, confirms: bool, is_later: bool) -> Start:
         start = Start(
             plan,
             self.context,
             self.make_launcher(),
             number=len(self.starts) + 1,
             confirms=confirms,
-            schedule=self.starts[-1].schedule if self.starts else None,
-            is_later=is_later,
+            schedule=before.schedule if before is not None else None,
         )
         self.starts.append(start)
         return start
