@@ -16,7 +16,9 @@ EXTRAS := $(if $(HAVE_ROS),vision,ros$(comma)vision),report
 help:
 	@echo "make demo      install, then run specs/apriltag_node.r2b.yaml on real ROS 2"
 	@echo "make test      install, then run every check and test"
+	@echo "              its parts: lint, types, imports, tests (unit, robustness, ros)"
 	@echo "make nightly   the same with every test at its full size"
+	@echo "make coverage  show which lines the tests without ROS do not reach"
 	@echo "make suite     run specs/suite and print its table (SMOKE=1: one short iteration of each)"
 	@echo "make generated write schemas, reference tables and expected outputs anew"
 	@echo "make docs      build the site of the documentation in build/site"
