@@ -125,14 +125,16 @@ def _check_values(matrix: MatrixCases, axes: _Axes, node: tree.TreeNode) -> bool
                 )
     number = len(tree.entries_of(tree.child(node, "cases")))
     number += math.prod(map(len, axes.values())) if axes else 0
-    if number > MAX_CASES:
-        message = f"the matrix has {number:,} cases; the limit is {MAX_CASES:,}"
-        problems.error("R2B139", message, matrix.span, "remove values, or split the spec")
+    excluded = len(tree.items_of(tree.child(node, "exclude")))
+    for count, what in ((number, "cases"), (excluded, "exclusions")):
+        if count > MAX_CASES:
+            message = f"the matrix has {count:,} {what}; the limit is {MAX_CASES:,}"
+            problems.error("R2B139", message, matrix.span, "remove values, or split the spec")
     return not problems.diagnostics
 
 
 def _expand_cases(matrix: MatrixCases, axes: _Axes, node: tree.TreeNode) -> tuple[MatrixCase, ...]:
-    excluded = tree.items_of(tree.child(node, "exclude"))[:MAX_CASES]
+    excluded = tree.items_of(tree.child(node, "exclude"))
     rules = [_chosen(_values(rule)) for rule in excluded]
     made: list[MatrixCase] = []
     used: set[int] = set()

@@ -125,6 +125,17 @@ def test_a_case_must_be_chosen_where_there_are_several() -> None:
         ]
 
 
+def test_no_exclusion_is_left_out_without_a_word() -> None:
+    many = ", ".join("{threads: 2}" for _ in range(1_001))
+    matrix = f"matrix:\n  axes: {{threads: [1, 2]}}\n  exclude: [{many}]\n"
+    (case,) = load_cases(HEAD + matrix + BODY)
+    (finding,) = case.diagnostics
+    assert (finding.code, finding.message) == (
+        "R2B139",
+        "the matrix has 1,001 exclusions; the limit is 1,000",
+    )
+
+
 def test_what_an_axis_gives_cannot_be_given_by_an_option() -> None:
     found = load_cases(HEAD + MATRIX + BODY, variables={"threads": 3})[0].diagnostics
     assert [one.code for one in found] == ["R2B128"]
