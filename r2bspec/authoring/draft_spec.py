@@ -72,7 +72,7 @@ class DraftRecording:
 
     Attributes:
         written: how the spec names it.
-        index: of the recording, or of its larger part if it has a gap.
+        index: the index of the recording, or of its larger part if it has a gap.
         window: that part; None without a gap.
         path: where it is; None for a dataset that is not made yet.
         needed_ns: the window has what was recorded so long after the beginning of the index.
@@ -113,11 +113,11 @@ class Draft:
     """A spec in the making, of what sources tell.
 
     Attributes:
-        name: of the benchmark.
+        name: the name of the benchmark.
         nodes: the nodes; without any, a relay takes their place if there is a recording.
         recording: the recording; None for a graph with a source of its own.
         base_dir: the folder of the spec.
-        namespace: of the benchmark, absolute and without a slash at its end.
+        namespace: the namespace of the benchmark, absolute and without a slash at its end.
         inputs: topics of the graph that are played, with the recorded topic of each.
         outputs: topics to monitor, with their types.
         lead: the input that makes the steps; empty without inputs.
@@ -371,7 +371,7 @@ class Draft:
             )
 
     def _offered(self) -> dict[str, str]:
-        """The services and actions of the nodes, with their types, as far as these are known."""
+        """Return the services and actions of the nodes, with their types if known."""
         return {
             node.names.resolve(name).name: kind
             for node in self.measured.nodes

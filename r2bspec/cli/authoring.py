@@ -68,7 +68,7 @@ class _Template(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     "parameter_file",
     default="",
     metavar="FILE",
-    help="With --node: its parameters, as for 'ros2 run'; the topics that they name are known.",
+    help="With --node: its parameters, as for 'ros2 run'; they can name its topics.",
 )
 @click.option(
     "--from-bag",

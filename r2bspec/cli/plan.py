@@ -57,7 +57,7 @@ def command(
         raise click.UsageError("--graph and --diff cannot be combined")
     for read in (spec, other):
         if output and read and os.path.realpath(output) == os.path.realpath(read):
-            raise UsageError(f"{output} is read, and cannot be written", hint="Name another file.")
+            raise UsageError(f"{output} is an input: it is not written", hint="Name another file.")
     prepared = prepare_and_report(SpecSelection(spec, **values))
     plan = prepared.plan
     if other is not None:

@@ -134,7 +134,7 @@ class ComparedResult:
 
     Attributes:
         source: its file or folder.
-        plan: of the run; None if only the result is known.
+        plan: the plan of the run; None if only the result is known.
     """
 
     source: str

@@ -59,7 +59,7 @@ class Change(msgspec.Struct, frozen=True, kw_only=True):
         mean_before: since the change before it, in the unit of the metric.
         mean_after: until the next one.
         confidence: that it is not chance.
-        outcome: of the two means.
+        outcome: the outcome of both means.
     """
 
     before: int

@@ -111,7 +111,7 @@ def run_pairs(
 
     Args:
         comparison: to be made.
-        folder: of the comparison.
+        folder: the folder of the comparison.
         progress: is notified of progress.
 
     Returns:

@@ -216,7 +216,7 @@ class BothSides:
         return random.Random(f"{self.seed}/{self._start}/{what}")  # noqa: S311 - no secret
 
     def _turns(self, asked: TurnsOfRate) -> Mapping[Side, Turns | None]:
-        """When either side is played: a coin decides which is first in each pair of steps."""
+        """Return when each side is played: a coin decides the order in each pair of steps."""
         kind, rate_hz = asked
         if kind not in self.turns:
             return dict.fromkeys(_SIDES)

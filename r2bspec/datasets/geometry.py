@@ -113,7 +113,7 @@ class Wave(msgspec.Struct, frozen=True):
         return self.amplitude * sine(2 * math.pi * self.hertz * seconds + self.phase_rad)
 
     def rate(self, seconds: float) -> float:
-        """Return its first derivative, per second."""
+        """Return the first derivative of the coordinate, per second."""
         omega = 2 * math.pi * self.hertz
         return self.amplitude * omega * cosine(omega * seconds + self.phase_rad)
 

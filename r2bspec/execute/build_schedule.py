@@ -260,7 +260,7 @@ def build_schedule(
     """Build the schedule of a plan with playback.
 
     Args:
-        plan: of the run.
+        plan: the plan of the run.
         folder: contains the buffers.
         headers: for each input, whether its type begins with a header.
         note: receives a note about messages that are left out.
@@ -550,7 +550,7 @@ def place_between(
     step.
 
     Args:
-        number: of the input in the plan.
+        number: the number of the input in the plan.
         index: its buffer.
         steps: one round.
         inputs: the buffers of the inputs of the steps.
@@ -633,7 +633,7 @@ def place_transforms(
     first step.
 
     Args:
-        number: of all inputs of the plan.
+        number: the number of all inputs of the plan.
         transforms: the buffer of /tf.
         steps: one round, from `playback_order`.
         inputs: the buffers of the inputs of the steps.

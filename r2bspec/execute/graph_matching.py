@@ -77,10 +77,10 @@ def wait_until_matched(
     """Wait until the endpoints of the harness are matched; report once which are missing.
 
     Args:
-        graph: of the phase that starts.
+        graph: the graph of the phase that starts.
         expected_matches: for each harness process, its topics, and with how many endpoints of
             other processes each must be matched.
-        deadline: of the start.
+        deadline: the deadline of the start.
         subscribe: to what could not be subscribed to before.
 
     Raises:
@@ -146,7 +146,7 @@ def wait_for_mutual_discovery(graph: PhaseGraph, harness_endpoints: Iterable[End
     pairs never match, for example those with incompatible QoS.
 
     Args:
-        graph: of the phase that starts.
+        graph: the graph of the phase that starts.
         harness_endpoints: the harness's own endpoints, as (topic, type, ``publishes`` or
             ``subscribes``).
     """

@@ -153,7 +153,7 @@ class RunContext:
         host: says what other programs did.
         loaded_files: what the processes of the graph have loaded so far.
         on_segment: is called after each segment.
-        budget: of the measurement.
+        budget: the budget of the measurement.
     """
 
     states: RunStates

@@ -164,9 +164,9 @@ class ArrivalReader(RowReader):
     """Reads the rows that a monitor has written so far, with times on the monotonic clock.
 
     Args:
-        path: of the file.
-        fields: of the rows that `read` returns: ``stamp_ns``, ``received_ns``, ``taken_ns`` and
-            ``bytes``.
+        path: the path of the file.
+        fields: the fields of the rows that `read` returns: ``stamp_ns``, ``received_ns``,
+            ``taken_ns`` and ``bytes``.
     """
 
     def __init__(self, path: Path, fields: tuple[tuple[str, str], ...]) -> None:

@@ -38,7 +38,7 @@ class BetweenMessage(msgspec.Struct, frozen=True, array_like=True):
     Attributes:
         at: the due time, in steps from the beginning of the round. The stamp is this time.
         input: the number of the input in the plan; transforms come after all inputs.
-        position: of the message in its buffer.
+        position: the position of the message in its buffer.
         origin_ns: of transforms, the recorded time that corresponds to `at`, on the clock of
             header stamps.
     """

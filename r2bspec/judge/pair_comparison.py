@@ -80,9 +80,9 @@ def judge_comparison(objectives: Objectives, pairs: Pairs, policy: DecisionPolic
     """Judge a comparison, and say whether a failure was confirmed; a pure function.
 
     Args:
-        objectives: of the head, by name.
-        pairs: that were played.
-        policy: of the head's plan.
+        objectives: the objectives of the head, by name.
+        pairs: the pairs that were played.
+        policy: the policy of the head's plan.
     """
     verdict = judge_pairs(objectives, pairs, policy)
     fails = needs_confirmation(verdict)
@@ -96,9 +96,9 @@ def judge_pairs(objectives: Objectives, pairs: Pairs, policy: DecisionPolicy) ->
     """Judge pairs, without a sentence on confirmation.
 
     Args:
-        objectives: of the head, by name.
-        pairs: that were played, and when they are judged.
-        policy: of the head's plan; its looks are those at a run.
+        objectives: the objectives of the head, by name.
+        pairs: the pairs that were played, and when they are judged.
+        policy: the policy of the head's plan; its looks are those at a run.
     """
     verdict = _judge(objectives, pairs, replace(policy, looks=pairs.looks))
     played = sum(len(iterations) for iterations in pairs.merged.iterations.values())

@@ -315,7 +315,7 @@ def _objective_rate(objective: Objective, samples: RunSamples) -> float | None:
 def _metric_of(
     requirement: Requirement, samples: RunSamples
 ) -> tuple[MetricInfo, Sequence[str | None], str]:
-    """The metric of a requirement, the monitors that it is judged for, and what is wrong with it.
+    """Return the metric of a requirement, its monitors, and what is wrong with it.
 
     Where it belongs to no monitor, or is wrong, the only monitor is None.
     """

@@ -178,7 +178,7 @@ def judge_ratio(
 
     Args:
         case: its limit is the ratio that is allowed or required, such as 0.97.
-        base: of each pair.
+        base: the base of each pair.
         head: likewise.
         by_turns: whether the pairs are starts of both sides by turns.
     """
@@ -296,7 +296,7 @@ def trimmed_ratio(base: Sequence[float], head: Sequence[float], confidence: floa
     Args:
         base: a positive value for each start, at least two.
         head: the same for the head.
-        confidence: of each bound by itself.
+        confidence: the confidence of each bound by itself.
     """
     logarithms = [math.log(after / before) for before, after in zip(base, head, strict=True)]
     return RatioInterval.of_logarithms(trimmed_interval(logarithms, confidence), len(logarithms))

@@ -62,12 +62,12 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         status: how the run itself went; `reason` says why, where it is not complete.
-        plan_hash: of the plan that was run.
+        plan_hash: the hash of the plan that was run.
         output_gaps: outputs that stopped, and the node at which their messages end.
         differences: between the running graph and the spec.
         dataset: the recorded messages that were played, with their hash.
         machine: where the run was made.
-        versions: of the software involved, by name.
+        versions: the versions of the software involved, by name.
         spec: the spec with every substitution done, as YAML.
         judged_by: the name of the other spec whose objectives and gate counted, or empty where they
             are the run's own.
@@ -78,12 +78,12 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         left_out: planned parts that were not played, a sentence each.
         starts: of all processes, with what each took; empty where it is not known.
         unplayed: messages of inputs that were not played.
-        profiles: of an iteration that counts for nothing.
+        profiles: the files of profilers, of an iteration that does not count.
         anatomies: where the messages of an iteration spent their time, at each rate that was
             observed from inside.
         identity: what the graph was made of, with the revision; None where it is not known, or
             was not the same in all runs.
-        base_identity: of the base, if this is a comparison.
+        base_identity: the identity of the base, if this is a comparison.
         changes: from the base to this run, such as ``blur.py changed``; nodes first.
         gate: what the reader has to know of the gate itself, a sentence each.
         load: how the load differs from messages at equal intervals within one machine, in words.

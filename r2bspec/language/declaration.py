@@ -161,7 +161,7 @@ class ValueRule(msgspec.Struct, eq=False, dict=True, kw_only=True):
         kinds: the types of JSON that it may have, in the order in which editors offer them; empty
             for any.
         pattern: the pattern of a text.
-        words: which a text can only be; or can also be, if it is a quantity.
+        words: the only texts that are allowed; of a quantity, texts besides it.
         const: the only value.
         quantity: the class that parses the text.
         items: the items of a list.

@@ -32,10 +32,10 @@ class Analysis:
     """The analysis of one version of a document.
 
     Attributes:
-        path: of the file, absolute.
+        path: the path of the file, absolute.
         text: of this version.
-        cases: of its matrix; the document itself without one. Never empty.
-        contexts: of each case; None for one with errors.
+        cases: the cases of its matrix; the document itself without one. Never empty.
+        contexts: the contexts of each case; None for one with errors.
         diagnostics: all findings of `r2bspec validate`, sorted by place, also those in other files.
         known: the context, or that of the last valid version; None if there was none.
     """
@@ -78,7 +78,7 @@ def analyse(path: Path, text: str, unsaved: Mapping[Path, str] | None = None) ->
     """Validate a text as the content of a file; nothing that it names is executed.
 
     Args:
-        path: of the file, absolute; it need not exist.
+        path: the path of the file, absolute; it need not exist.
         text: the text, saved or not.
         unsaved: the texts of other open files, which take the place of what is on disk.
     """

@@ -46,7 +46,7 @@ def _units(text: str, encoding: str) -> int:
 
 
 def _characters(line: str, units: int, encoding: str) -> int:
-    """How many characters of a line are within a number of units: whole ones, at most all."""
+    """Return how many whole characters of a line are within a number of units."""
     before = line[:units]
     if before.isascii():
         return len(before)
@@ -60,7 +60,7 @@ class TextPositions:
 
     Args:
         text: of the document.
-        encoding: of the protocol's columns: ``utf-8``, ``utf-16`` or ``utf-32``.
+        encoding: the encoding of the protocol's columns: ``utf-8``, ``utf-16`` or ``utf-32``.
     """
 
     def __init__(self, text: str, encoding: str = "utf-16") -> None:
@@ -195,7 +195,7 @@ class CursorContext:
     """What is being written at the cursor.
 
     Attributes:
-        path: of the map whose key is written, or of the value.
+        path: the path of the map whose key is written, or of the value.
         is_key: whether a key is written.
         before: what is written of the key or the value before the cursor.
         start: the offset at which the word begins that a completion replaces.
@@ -274,7 +274,7 @@ def _open_brackets(text: str) -> str:
 
 
 def _leading_lines(above: str) -> list[str]:
-    """The lines above that are parents of the last one, by their indentation, and that one."""
+    """Return the last line and the lines above that are its parents by indentation."""
     *lines, last = above.split("\n")
     kept = [last]
     indent = len(last) - len(last.lstrip())
@@ -288,7 +288,7 @@ def _leading_lines(above: str) -> list[str]:
 
 
 def _marked(tree: TreeNode) -> tuple[Path, bool, str, frozenset[str]] | None:
-    """The path of the marker, whether it is a key, what is before it, and its sibling keys."""
+    """Return the path of the marker, whether it is a key, the text before, its sibling keys."""
     nodes: Iterator[tuple[Path, TreeNode]] = ((path, node) for path, _, node in walk(tree))
     for path, node in itertools.chain([((), tree)], nodes):
         if isinstance(node, ScalarNode) and _MARKER in node.text:

@@ -292,7 +292,7 @@ class CallPlan(_Value, frozen=True, kw_only=True):
     """A service or an action that is called in each step.
 
     Attributes:
-        name: of the monitor that has the responses, or the results.
+        name: the name of the monitor that has the responses, or the results.
         target: the full name of the service or the action.
         request: the fields of the request, or of the goal.
         each: fields that replace some of them, in turn; a plan without them has no such key.
@@ -363,7 +363,7 @@ class TimelinePlan(_Value, frozen=True, kw_only=True):
     """How recorded times are converted to playback times.
 
     Attributes:
-        speed: of the playback relative to the recording; 1.0 is as recorded.
+        speed: the speed of the playback relative to the recording; 1.0 is as recorded.
         recorded: whether the times are those at which the preprocessors published the messages,
             instead of those of the recording.
         shift_tf: whether stamps in /tf are also shifted.

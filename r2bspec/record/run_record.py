@@ -254,8 +254,8 @@ class ProcessRecord(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         exit_code: negative for a signal, None if it is unknown.
         signals: those that the run has sent to it, in order.
-        parts: of the harness, if it is a process of the graph that contains some.
-        scheduling: of its threads after the warm-up, as the kernel reports it.
+        parts: the parts of the harness, if it is a process of the graph that contains some.
+        scheduling: the scheduling of its threads after the warm-up, as the kernel reports it.
     """
 
     name: str
@@ -362,7 +362,7 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
     """A difference between the running graph and the spec.
 
     Attributes:
-        code: of the rule of ``r2bspec validate`` that finds the same error.
+        code: the code of the rule of ``r2bspec validate`` that finds the same error.
         part: a `parameter` or a `remapping` of a node, its `lifecycle`, `executor`, `plugin` or
             `package`, the `node` itself, or an `endpoint`.
         owner: the full name of the node, or the part of the harness.
@@ -478,7 +478,8 @@ class AnatomyObject(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         process: indexes `AnatomyRecord.processes`.
-        name: of the topic or service, with its namespace; of a buffer, its topic; or empty.
+        name: the name of the topic or service, with its namespace; of a buffer, its topic; or
+            empty.
         node: the name of its node with its namespace; empty if it is not known.
     """
 
@@ -492,7 +493,7 @@ class AnatomyProcess(msgspec.Struct, frozen=True, kw_only=True):
     """A process that was observed from inside.
 
     Attributes:
-        name: of the process of the plan to which it belongs.
+        name: the name of the process of the plan to which it belongs.
         pid: its id.
         lost: events for which it had no room.
     """

@@ -45,7 +45,8 @@ class Format:
     """A report format.
 
     Attributes:
-        function: that renders it, as ``module:function`` in this package; imported on demand.
+        function: the function that renders it, as ``module:function`` in this package; imported on
+            demand.
         what: a description in one line.
         needs: libraries of the extra ``report`` that the module imports.
     """

@@ -36,7 +36,7 @@ class RemainingTime:
         """Start before the first phase.
 
         Args:
-            estimate: of the runs.
+            estimate: the estimate of the runs.
             after_s: the time that other runs will take afterwards.
             clock: seconds, in steps of no fixed size.
         """

@@ -57,7 +57,7 @@ def result_document(
     Args:
         report_input: the result, with what it was computed from.
         whole: with every path of the anatomy, as reports have it that can fold.
-        charts: of a page.
+        charts: the charts of a page.
     """
     result, verbose = report_input.result, report_input.verbose
     line, drawn = wording.headline(result), charts or {}
@@ -163,7 +163,7 @@ def requirement_rows(
     """Return a row for each requirement of a run, unmet requirements first.
 
     Args:
-        result: of the run.
+        result: the result of the run.
         columns: as `requirement_columns` returns them.
         verbose: with the reasons of requirements that are met, too.
         spec: the cell that names the run, if the table has a column for it.

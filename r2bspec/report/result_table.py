@@ -52,7 +52,7 @@ class Measured:
         rate: with everything that was measured at it.
         monitor: its name.
         seen: of all iterations.
-        path: of `seen` in ``result.json``, a JSON pointer without its first slash.
+        path: the path of `seen` in ``result.json``, a JSON pointer without its first slash.
     """
 
     rate: RateMetrics

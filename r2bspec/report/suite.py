@@ -51,17 +51,19 @@ class SuiteRun(msgspec.Struct, frozen=True, kw_only=True):
     """A run of a suite.
 
     Attributes:
-        name: of the benchmark, with its case.
+        name: the name of the benchmark, with its case.
         folder: the run folder; empty where nothing was run.
-        outcome: of the verdict; ``error`` where the run failed, ``skipped`` after a failure.
+        outcome: the outcome of the verdict; ``error`` where the run failed, ``skipped`` after a
+            failure.
         resumed: whether the run is an earlier one.
         host: of a fleet, that made it; empty on this host.
         line: the first line of its reports; empty where it has no result.
         gate: what its comparison with a base is to be read with, a sentence each.
         report: its page in HTML; empty where it has none.
-        revision: of its code, with ``+dirty`` for changes that are not committed; empty where it
-            is not known.
-        base_revision: of the code that it was compared with; empty without a base.
+        revision: the revision of its code, with ``+dirty`` for changes that are not committed;
+            empty where it is not known.
+        base_revision: the base revision of the code that it was compared with; empty without a
+            base.
     """
 
     name: str

@@ -59,7 +59,7 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
         metric: as a requirement names it.
         at: the highest rate that an objective demands; None where the graph or the recording has
             its own.
-        unit: of the metric.
+        unit: the unit of the metric.
     """
 
     metric: str
@@ -108,10 +108,10 @@ class RealMachine:
     """This host, which plays one run at a time; the caller has its lock.
 
     Attributes:
-        selection: of the spec.
-        space: of the combinations.
+        selection: the selection of the spec.
+        space: the space of the combinations.
         folder: receives the run folders.
-        goal: of the search.
+        goal: the goal of the search.
         progress: is notified of the progress of each run.
     """
 

@@ -77,7 +77,7 @@ class GraphJoins:
     """The processes of one start that get parts of the harness.
 
     Args:
-        supervisor: of the run.
+        supervisor: the supervisor of the run.
         folder: for the socket.
         preload: the object that is loaded into them.
         library: the harness, which that loads.
@@ -372,8 +372,8 @@ class GraphHarness:
     """The parts that have been loaded into processes of the graph.
 
     Args:
-        launcher: of the processes.
-        plan: of the run.
+        launcher: the launcher of the processes.
+        plan: the plan of the run.
         configure_player: makes the player play the inputs.
         rows_dir: receives the rows of monitors.
 

@@ -194,7 +194,7 @@ def not_created(died: ProcessDiedError, nodes: Iterable[NodePlan]) -> GraphDiffe
 
     Args:
         died: the process, with its output.
-        nodes: of the process.
+        nodes: the nodes of the process.
     """
     only = [*nodes]
     if len(only) != 1:
@@ -217,7 +217,7 @@ def not_made(failed: ProcessFailedError, nodes: Iterable[NodePlan]) -> GraphDiff
 
     Args:
         failed: what the host says.
-        nodes: of its process.
+        nodes: the nodes of its process.
     """
     begins = {f"node {node.name} cannot be created: ": node for node in nodes}
     for begin, node in begins.items():
@@ -295,7 +295,7 @@ def undeclared_parameter(node: str, name: str, known: Sequence[str]) -> Differen
 
     Args:
         node: full name.
-        name: of the parameter.
+        name: the name of the parameter.
         known: the parameters that it declares.
     """
     close = did_you_mean(name, known)
@@ -313,7 +313,7 @@ def nodes_with_one_name(plan: ProcessPlan, log: Path) -> Iterator[Difference]:
     """Return the error for an executable whose nodes all got the name given to its process.
 
     Args:
-        plan: of the process.
+        plan: the plan of the process.
         log: its output, in which rcl says it.
     """
     named = [node for node in plan.nodes if plan.role == "command" and has_planned_name(plan, node)]
@@ -382,7 +382,7 @@ def find_undeclared(
     configured, and a parameter file may be for several nodes.
 
     Args:
-        plan: of the run.
+        plan: the plan of the run.
         phase: ``preprocess`` or ``measure``.
         programs: names of processes of Python nodes that spin them themselves.
         supervisor: all processes.

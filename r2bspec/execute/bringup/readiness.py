@@ -94,9 +94,9 @@ class IdleNodes:
     """Observes the processes of the nodes of one phase.
 
     Args:
-        plan: of the run.
+        plan: the plan of the run.
         phase: ``preprocess`` or ``measure``.
-        supervisor: of all processes.
+        supervisor: the supervisor of all processes.
         clock: a monotonic clock in seconds.
     """
 

@@ -46,7 +46,7 @@ class PhaseGraph:
     """The graph of one phase, from its start on.
 
     Attributes:
-        plan: of the run.
+        plan: the plan of the run.
         phase: ``preprocess`` or ``measure``.
         supervisor: all processes.
         launcher: has started the nodes.
@@ -124,12 +124,12 @@ class PhaseGraph:
         """Return the error for a graph whose messages do not arrive, with the complete path.
 
         Args:
-            facts: of the graph.
+            facts: the facts of the graph.
             faults: on the paths of the messages.
             silent: the topics at the ends of these paths.
-            state: of the graph, in words.
+            state: the state of the graph, in words.
             hint: for the error if the graph does not clearly differ from the spec.
-            otherwise: that error; another attempt might succeed.
+            otherwise: the error without a certain fault; another attempt might succeed.
             names_related: whether it says what else is wrong with the nodes that have faults.
         """
         known = self.launcher.differences
@@ -277,7 +277,7 @@ class EarlyDiagnosis:
         answer: whether all nodes answer, which takes a while.
 
     Attributes:
-        facts: of the graph, once it has not changed for a while; None before.
+        facts: the facts of the graph, once it has not changed for a while; None before.
         stalled_s: for how many seconds a stalled graph has not changed; 0 for any other.
     """
 

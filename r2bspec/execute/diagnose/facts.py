@@ -158,7 +158,7 @@ def gather_facts(
     """Combine the plan with the observations.
 
     Args:
-        plan: of the run.
+        plan: the plan of the run.
         phase: ``preprocess`` or ``measure``.
         nodes: the discovered nodes.
         discovered: publishers and subscriptions of each topic, and the pairs that never match.
@@ -212,7 +212,7 @@ class GraphObserver:
 
     Attributes:
         supervisor: all processes.
-        plan: of the run.
+        plan: the plan of the run.
         phase: ``preprocess`` or ``measure``.
         known: endpoints that exist for certain, as in `protocol.Ready`: discovery is incomplete
             until it shows all of them.
@@ -319,7 +319,7 @@ def wait_for_quiet(
     """Wait until no message has arrived for a while, at most `limit_s`: some topics never pause.
 
     Args:
-        supervisor: of all processes.
+        supervisor: the supervisor of all processes.
         files: the rows of a monitor.
         quiet_s: how long a while is, in seconds.
         limit_s: at most, in seconds.

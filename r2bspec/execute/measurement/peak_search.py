@@ -79,7 +79,7 @@ class ProbeOutcome:
         limited_by_player: the rate was not sustained because the player could not offer it, which
             is no property of the graph.
         departures: when the outputs left, of the monitor that does worst; None if unknown.
-        drop_share: of the completed outputs, the share that never arrived.
+        drop_share: the share of the completed outputs that never arrived.
     """
 
     probe: Probe
@@ -145,8 +145,8 @@ class Overload:
         play: plays a rate for the usual length of an overloaded play.
         max_hz: the highest rate of the search.
         precision: the relative width to which the capacity is estimated.
-        confidence: of the interval.
-        long_plays: of the search.
+        confidence: the confidence of the interval.
+        long_plays: the long plays of the search.
         goes_on: whether there is time for more than two plays that count.
         plays: those by which the capacity is estimated.
         shown: all that were played, to be examined for steadiness.
@@ -304,7 +304,7 @@ class PeakSearch:
         maximum_hz: its upper end.
         precision: the relative width to which the bracket is narrowed.
         probe: plays one rate shortly.
-        confidence: of the bracket.
+        confidence: the confidence of the bracket.
         long_plays: what is played besides short probes.
     """
 
@@ -624,7 +624,7 @@ def unexplained_end(probes: Sequence[Probe], lower_hz: float, fails_hz: float) -
     """Return the upper end of a bracket that interference cannot explain.
 
     Args:
-        probes: of the search.
+        probes: the probes of the search.
         lower_hz: the lower end; 0 if there is none.
         fails_hz: the upper end as it was found.
 

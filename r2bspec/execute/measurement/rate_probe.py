@@ -73,7 +73,7 @@ class _Play:
     """How one rate is played.
 
     Attributes:
-        kind: of the segment, and its name before its number.
+        kind: the kind of the segment, and its name before its number.
         purpose: for the record.
         limit_s: how long it is played at most, without what few messages need.
         ends_on: the results that end it before that.
@@ -103,9 +103,9 @@ class RateProber:
         """Prepare to probe.
 
         Args:
-            plan: of the run.
+            plan: the plan of the run.
             segment_player: plays the probes.
-            context: of the run; receives a note about each outcome.
+            context: the context of the run; receives a note about each outcome.
         """
         search = plan.search
         self._plan = plan
@@ -138,7 +138,7 @@ class RateProber:
         """Return the parts of the search other than short probes.
 
         Args:
-            search: of the plan.
+            search: the search of the plan.
             allows: whether there is time for more than a bracket needs.
         """
         confirm_s = search.confirm_ns / 1e9
@@ -332,9 +332,9 @@ class AffectedProbes:
 
     Attributes:
         policy: ``gate.interference``; with ``tolerate``, interference explains nothing.
-        precision: of the search.
+        precision: the precision of the search.
         segment_player: plays them.
-        context: of the run; without time left, nothing is played again.
+        context: the context of the run; without time left, nothing is played again.
     """
 
     policy: InterferencePolicy

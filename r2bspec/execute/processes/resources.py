@@ -222,7 +222,7 @@ class RunQueueWaits:
         NaN if the kernel counts none.
 
         Args:
-            index: of the group.
+            index: the index of the group.
             pids: its processes that run now.
         """
         if not self._is_known:
@@ -278,7 +278,7 @@ class ResourceSampler:
         """Prepare for the processes of a run.
 
         Args:
-            run_id: of the run; without it, processes whose parents have ended are not found.
+            run_id: the identifier of the run; without it, orphaned processes are not found.
         """
         self._leaders: dict[int, int] = {}
         self._members = Members(run_id)

@@ -53,7 +53,7 @@ def apply_to_process(plan: ProcessPlan, pid: int) -> None:
     """Schedule a process that has just been started, before its program starts a thread.
 
     Args:
-        plan: of the process.
+        plan: the plan of the process.
         pid: its id; 0 is the calling thread.
 
     Raises:
@@ -175,7 +175,7 @@ def on_core(core: int | None, pids: Sequence[int]) -> Iterator[None]:
 
     Args:
         core: one of those that this process may use; None for no change.
-        pids: of all the processes.
+        pids: the pids of all the processes.
     """
     everywhere = os.sched_getaffinity(0)
     if core is None or everywhere == {core}:

@@ -188,7 +188,7 @@ def output_stopped(playback: Rows, rows: Rows, matching: Matching) -> bool:
     Args:
         playback: rows of type `PLAYBACK_DTYPE` of a segment.
         rows: rows of type `MONITOR_DTYPE`, all that were received until the graph was drained.
-        matching: of the two.
+        matching: the matching of both.
     """
     expected_ns = playback["published_ns"][matching.trigger_steps]
     if not rows.size:

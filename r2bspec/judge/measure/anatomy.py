@@ -84,7 +84,7 @@ class Anatomy:
 
     Attributes:
         paths: to each monitor, by its name, those that most messages took first.
-        nodes: of the graph, by name.
+        nodes: the nodes of the graph, by name.
         transports: of each topic and service, from the stamp of the publisher's middleware to that
             of the reader's.
         monitored: how many messages each monitor received in the window.
@@ -159,7 +159,7 @@ def anatomy(
     Args:
         record: what was observed.
         rows: of type `ANATOMY_DTYPE`.
-        plan: of the run.
+        plan: the plan of the run.
         window_ns: the iteration, from its first step to the end of its last period.
     """
     events = join_events(record, rows, plan)

@@ -31,8 +31,8 @@ class Causes:
     Attributes:
         send: the rows of the sends.
         take: the rows of the takes that caused them.
-        last: whether the take is the one that the send followed: in whose callback it lies, or, if
-            it lies in none, the newest. Each send with causes has one of these.
+        last: whether the send followed this take: it lies in the callback of the take, or in no
+            callback, and the take is the newest. Each send with causes has one such take.
         held: whether the send does not lie in the callback of the take.
         by_timer: whether nothing is known of the cause but that the take came before.
     """

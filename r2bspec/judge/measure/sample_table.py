@@ -116,7 +116,7 @@ def _came(outputs: Rows) -> NDArray[np.bool_]:
 
 
 def _arrived(outputs: Rows) -> NDArray[np.int64]:
-    """When the outputs that came were received, ascending."""
+    """Return when the outputs that came were received, ascending."""
     return np.sort(outputs["received_ns"][_came(outputs)])
 
 

@@ -119,7 +119,7 @@ class Series:
     Attributes:
         label: what the script calls them.
         legend: what the legend calls them; empty if it leaves them out.
-        mark: of each point, one of `_SHAPES`; empty for none.
+        mark: the mark of each point, one of `_SHAPES`; empty for none.
         filled: whether marks are filled.
     """
 
