@@ -47,7 +47,7 @@ def draft_text(draft: Draft, sources: list[str]) -> str:
         monitors.add(name if name[0].isalpha() else f"m{name}", entry)
     top.add("monitors", monitors)
     top.add("benchmark", _benchmark(draft))
-    top.add("slos", _objectives(draft, [each.key for each in monitors.entries]))
+    top.add("slos", _objectives(draft, [monitor.key for monitor in monitors.entries]))
     if draft.recording is not None and draft.outputs:
         top.below.append(
             "After a run, 'r2bspec judge RUN --suggest SPEC' proposes limits for latency."
@@ -73,8 +73,8 @@ def _data_loader(draft: Draft, recording: DraftRecording) -> Block:
         end_of = {} if used.end_ns is None else {"end": str(Duration(used.end_ns))}
         block.add("window", {"start": str(Duration(used.start_ns)), **end_of}, above)
     topics = Block()
-    for each in dict.fromkeys(draft.inputs.values()):
-        topics.add(f"/{each.name.lstrip('/')}", _loaded(each), after=_described(each))
+    for topic in dict.fromkeys(draft.inputs.values()):
+        topics.add(f"/{topic.name.lstrip('/')}", _loaded(topic), after=_described(topic))
     loaded = {input_.name for input_ in draft.inputs.values()}
     loaded |= {name for topic in draft.transforms for name in (topic, topic.lstrip("/"))}
     others = [topic for topic in recording.index.topics.values() if topic.name not in loaded]

@@ -78,7 +78,7 @@ def input_keys(
             keys[topic]["rate"] = "once"
         elif not _is_same_rate(info.rate_hz, inputs[lead].rate_hz):
             keys[topic]["rate"] = "recorded"
-    stamped = [topic for topic, each in times.items() if each.stamps_ns and topic not in latched]
+    stamped = [topic for topic, own in times.items() if own.stamps_ns and topic not in latched]
     right_ns = _right_stamps(keys, {topic: times[topic] for topic in stamped}, lead)
     for topic in stamped:
         if topic == lead or lead not in right_ns or "rate" in keys[topic]:
@@ -101,23 +101,23 @@ def _right_stamps(
     """
     if lead not in times:
         return {}
-    alike = {topic: each for topic, each in times.items() if each.is_stuck == times[lead].is_stuck}
-    recorded_ns = [each.recorded_ns for each in alike.values()]
-    ahead_ns = clock_ahead(recorded_ns, [each.stamps_ns for each in alike.values()], 0)
+    alike = {topic: own for topic, own in times.items() if own.is_stuck == times[lead].is_stuck}
+    recorded_ns = [own.recorded_ns for own in alike.values()]
+    ahead_ns = clock_ahead(recorded_ns, [own.stamps_ns for own in alike.values()], 0)
     by_ns = dict(zip(alike, ahead_ns, strict=True))
-    for topic, each in alike.items():
+    for topic, own in alike.items():
         is_late = (
             abs(by_ns[topic] - by_ns[lead]) < LONGEST_DELAY_NS
             if "rate" in keys[topic]
-            else _slop_ns(times[lead].stamps_ns, each.stamps_ns) == 0
+            else _slop_ns(times[lead].stamps_ns, own.stamps_ns) == 0
         )
         if is_late:
             by_ns[topic] = by_ns[lead]
     least_ns = min(by_ns.values())
     right_ns = {}
-    for topic, each in alike.items():
+    for topic, own in alike.items():
         wrong_ns = by_ns[topic] - least_ns
-        right_ns[topic] = [stamp_ns - wrong_ns for stamp_ns in each.stamps_ns]
+        right_ns[topic] = [stamp_ns - wrong_ns for stamp_ns in own.stamps_ns]
         if wrong_ns:
             keys[topic]["clock_ahead"] = str(Duration(wrong_ns))
     return right_ns
@@ -152,12 +152,12 @@ def input_qos(offered: QoS | None, requested: Collection[QoS]) -> dict[str, Any]
         ("durability", "transient_local"),
         ("liveliness", "manual_by_topic"),
     ):
-        is_needed = any(getattr(each, name) == stronger for each in requested)
+        is_needed = any(getattr(other, name) == stronger for other in requested)
         word = stronger if is_needed else getattr(profile, name)
         if word != getattr(default, name):
             changed[name] = word
     for name in ("deadline", "lifespan", "lease_duration"):
-        asked = [getattr(each, name) for each in requested] if name != "lifespan" else []
+        asked = [getattr(other, name) for other in requested] if name != "lifespan" else []
         limits = [limit.ns for limit in (getattr(profile, name), *asked) if limit is not None]
         if limits:
             changed[name] = str(Duration(min(limits)))

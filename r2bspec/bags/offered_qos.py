@@ -38,11 +38,13 @@ def offered_profile(text: str) -> QoS | None:
     except (yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError):
         return None
     limits = {
-        name: None if any(each[name] is None for each in read) else max(each[name] for each in read)
+        name: None
+        if any(profile[name] is None for profile in read)
+        else max(profile[name] for profile in read)
         for name in ("deadline", "lifespan", "lease_duration")
     }
     words = {
-        name: stronger if all(each[name] == stronger for each in read) else weaker
+        name: stronger if all(profile[name] == stronger for profile in read) else weaker
         for name, (stronger, weaker) in _UNLESS_ALL.items()
     }
     return QoS.from_keys({**words, **limits})
@@ -58,7 +60,7 @@ def _profile(written: dict[str, Any]) -> dict[str, Any]:
     words = {name: str(written[name]).lower() for name in _UNLESS_ALL}
     for name, word in words.items():
         # Before version 9 of metadata.yaml, policies are the numbers of rmw.
-        numbers = {str(number): known for known, number in RMW_NUMBERS[name].items()}
+        numbers = {str(number): value for value, number in RMW_NUMBERS[name].items()}
         words[name] = numbers.get(word, word)
         if name == "reliability" and words[name] != "best_effort":
             # The default of a publisher, also where it is not known.

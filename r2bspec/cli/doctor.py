@@ -85,7 +85,7 @@ def _show(checks: list[CheckResult], status: Status) -> None:
         if check.advice:
             echo(f"    {'':<{width}}  {styled(f'→ {plain(check.advice)}', dim=True)}", styled=True)
     echo()
-    counts = {each: sum(check.status == each for check in checks) for each in _MARKS}
+    counts = {mark: sum(check.status == mark for check in checks) for mark in _MARKS}
     words = {
         "ok": "This machine is fit for benchmarking.",
         "warn": f"{pluralize(counts['warn'], 'warning')}: benchmarks run, but results may be "

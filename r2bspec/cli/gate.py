@@ -83,13 +83,15 @@ def command(
                 echo(f"base: {gate.tree.name}", err=True)
             selected = gate.select(specs)
         entries = [
-            GatedEntry(each.selection, spec=spec)
+            GatedEntry(entry.selection, spec=spec)
             for spec in selected.specs
-            for each in suite_entries(SpecSelection(Path(), **values), [str(spec.head)])
+            for entry in suite_entries(SpecSelection(Path(), **values), [str(spec.head)])
         ]
         if not entries:
             # There is no run that could have a report.
-            reports = tuple(each for each in of_all.reports if each.format in SUITE_FORMATS)
+            reports = tuple(
+                request for request in of_all.reports if request.format in SUITE_FORMATS
+            )
             options = replace(options, reports=reports)
         several = not (len(specs) == len(entries) == 1 and place.is_file())
         runs = GatedRuns(gate, selected.notes, options, several=several)

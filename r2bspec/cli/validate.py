@@ -96,9 +96,9 @@ def _print_findings(
         echo(_summary(checked, findings, offline=offline))
 
 
-def _summary(checked: list[FileReport], found: list[Diagnostic], *, offline: bool) -> str:
-    errors = sum(finding.severity == "error" for finding in found)
-    warnings = sum(finding.severity == "warning" for finding in found)
+def _summary(checked: list[FileReport], findings: list[Diagnostic], *, offline: bool) -> str:
+    errors = sum(finding.severity == "error" for finding in findings)
+    warnings = sum(finding.severity == "warning" for finding in findings)
     parts = [pluralize(len(checked), "file")]
     cases = sum(file.cases for file in checked)
     if cases > len(checked):

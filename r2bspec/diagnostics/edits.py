@@ -43,19 +43,19 @@ def fix(text: str, file: str, findings_of: Callable[[str], Sequence[Diagnostic]]
     """
     findings = findings_of(text)
     applied: list[Diagnostic] = []
-    seen = {text}
+    texts = {text}
     for _ in range(MAX_ROUNDS):
         offered = [finding.edit for finding in findings if finding.edit is not None]
         chosen = _non_overlapping(text, (edit for edit in offered if edit.span.file == file))
         edited = _spliced(text, chosen)
-        if edited in seen:
+        if edited in texts:
             break
         after = findings_of(edited)
         if _unreadable(after) and not _unreadable(findings):
             break  # never make a document unreadable
         edits = {edit for _, edit in chosen}
         applied += [finding for finding in findings if finding.edit in edits]
-        seen.add(edited)
+        texts.add(edited)
         text, findings = edited, after
     return FixResult(text, tuple(applied))
 
@@ -102,7 +102,7 @@ def _non_overlapping(text: str, edits: Iterable[Edit]) -> list[tuple[tuple[int, 
         for offered_edit in set(edits)
         if (place := _offsets(offered_edit.span, starts, text))
     ]
-    placed.sort(key=lambda each: (each[0], each[1].text))
+    placed.sort(key=lambda placed_edit: (placed_edit[0], placed_edit[1].text))
     chosen: list[tuple[tuple[int, int], Edit]] = []
     last = -1
     for place, edit in placed:
@@ -121,8 +121,8 @@ def _offsets(span: Span, starts: Sequence[int], text: str) -> tuple[int, int] | 
     return (start, end) if start <= end <= len(text) else None
 
 
-def _unreadable(found: Iterable[Diagnostic]) -> bool:
+def _unreadable(findings: Iterable[Diagnostic]) -> bool:
     return any(
         finding.severity is Severity.ERROR and _PARSE_ERROR_CODE.match(finding.code)
-        for finding in found
+        for finding in findings
     )

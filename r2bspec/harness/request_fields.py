@@ -103,8 +103,8 @@ def _list_mistakes(
         yield FieldMistake(path, False, f"it has {len(value)} items, and at most {most} fit", "")
     else:
         item = listed["of"] or listed["item"]
-        for index, each in enumerate(value):
-            yield from _value_mistakes(each, item, fields_of, (*path, index))
+        for index, element in enumerate(value):
+            yield from _value_mistakes(element, item, fields_of, (*path, index))
 
 
 def _scalar_mistake(value: Any, type_name: str) -> str | None:

@@ -102,13 +102,13 @@ def why_not_emulated() -> NetworkError | None:
 
 
 def _program(name: str) -> str:
-    found = shutil.which(name) or shutil.which(name, path=_SYSTEM_FOLDERS)
-    if found is None:
+    path = shutil.which(name) or shutil.which(name, path=_SYSTEM_FOLDERS)
+    if path is None:
         raise NetworkError(
             f"no network can be emulated: the program {name} is missing",
             hint=f"Install {_PACKAGES.get(name, 'iproute2')}, or remove 'network' from the spec.",
         )
-    return found
+    return path
 
 
 def _refusal(said: str, *, is_made: bool) -> NetworkError:

@@ -40,13 +40,13 @@ def spec_cases(path: Path, text: str, unsaved: Mapping[Path, str]) -> list[dict[
     """
     with unsaved_files(unsaved):
         cases = load_cases(text, file=str(path))
-    found = []
+    rows = []
     for loaded in cases:
         place = loaded.span(("name",), key=True)
         # The name of the benchmark may be in an extended file.
         line = place.line - 1 if place.file == str(path) else 0
-        found.append({"name": loaded.id, "case": loaded.case, "line": max(line, 0)})
-    return found
+        rows.append({"name": loaded.id, "case": loaded.case, "line": max(line, 0)})
+    return rows
 
 
 def _edits(file: str, *edits: types.TextEdit) -> types.WorkspaceEdit:
@@ -76,8 +76,8 @@ def code_actions(
     ]
 
 
-def _overlaps(positions: TextPositions, each: Diagnostic, start: int, end: int) -> bool:
-    first, last = positions.offsets(each.span)
+def _overlaps(positions: TextPositions, diagnostic: Diagnostic, start: int, end: int) -> bool:
+    first, last = positions.offsets(diagnostic.span)
     return first <= end and start <= last
 
 
@@ -99,21 +99,25 @@ def _fixes(here: Sequence[Diagnostic], positions_of: PositionsOf) -> Iterator[ty
 _MEANT: Final = re.compile(r"^did you mean '([^']+)'\?")
 
 
-def _meant(each: Diagnostic, positions_of: PositionsOf) -> Edit | None:
+def _meant(diagnostic: Diagnostic, positions_of: PositionsOf) -> Edit | None:
     """Return the name that a finding proposes in place of what it is at, if that is the wrong name.
 
     It is a guess, which a person may choose and nothing else applies.
     """
-    found = _MEANT.match(each.help)
-    if found is None or not is_file(each.span.file) or each.span.line != each.span.end_line:
+    match = _MEANT.match(diagnostic.help)
+    if (
+        match is None
+        or not is_file(diagnostic.span.file)
+        or diagnostic.span.line != diagnostic.span.end_line
+    ):
         return None
-    positions = positions_of(each.span.file)
-    start, end = positions.offsets(each.span)
+    positions = positions_of(diagnostic.span.file)
+    start, end = positions.offsets(diagnostic.span)
     written = positions.text[start:end]
     quote = written[:1] if written[:1] in {"'", '"'} else ""
-    if did_you_mean(written.strip("'\""), [found[1]]) != found[1]:
+    if did_you_mean(written.strip("'\""), [match[1]]) != match[1]:
         return None
-    return Edit(each.span, f"{quote}{found[1]}{quote}")
+    return Edit(diagnostic.span, f"{quote}{match[1]}{quote}")
 
 
 def _fix_all(analysis: Analysis, positions_of: PositionsOf) -> Iterator[types.CodeAction]:

@@ -41,18 +41,20 @@ def diagnostics_by_file(
     return diagnostics
 
 
-def to_diagnostic(each: Diagnostic, file: str, positions_of: PositionsOf) -> types.Diagnostic:
+def to_diagnostic(diagnostic: Diagnostic, file: str, positions_of: PositionsOf) -> types.Diagnostic:
     """Convert a finding."""
-    span = each.span if each.span.file == file else Span.of_file(file)
+    span = diagnostic.span if diagnostic.span.file == file else Span.of_file(file)
     return types.Diagnostic(
         range=positions_of(file).range(_visible(span)),
-        severity=_SEVERITIES[each.severity],
-        code=each.code,
-        code_description=types.CodeDescription(page_file(each.code).as_uri()),
+        severity=_SEVERITIES[diagnostic.severity],
+        code=diagnostic.code,
+        code_description=types.CodeDescription(page_file(diagnostic.code).as_uri()),
         source="r2bspec",
         # Not with a capital: a message may begin with a name of the spec.
-        message=f"{each.message}\n{each.help}" if each.help else each.message,
-        tags=[types.DiagnosticTag.Unnecessary] if _is_unused(each) else None,
+        message=f"{diagnostic.message}\n{diagnostic.help}"
+        if diagnostic.help
+        else diagnostic.message,
+        tags=[types.DiagnosticTag.Unnecessary] if _is_unused(diagnostic) else None,
         related_information=[
             types.DiagnosticRelatedInformation(
                 types.Location(
@@ -60,7 +62,7 @@ def to_diagnostic(each: Diagnostic, file: str, positions_of: PositionsOf) -> typ
                 ),
                 place.message,
             )
-            for place in each.related
+            for place in diagnostic.related
             if is_file(place.span.file)
         ]
         or None,
@@ -84,6 +86,6 @@ def _visible(span: Span) -> Span:
     return span
 
 
-def _is_unused(each: Diagnostic) -> bool:
-    page = find_page(each.code)
+def _is_unused(diagnostic: Diagnostic) -> bool:
+    page = find_page(diagnostic.code)
     return page is not None and "unused" in page.slug.split("-")

@@ -75,8 +75,8 @@ def _about_symbol(analysis: Analysis, occurrence: Occurrence) -> Iterator[str]:
     for phase in context.wiring.phases:
         ends = (*phase.publishers(name), *phase.subscriptions(name))
         if ends:
-            known = ", ".join(sorted({f"`{end.type}`" for end in ends if end.type}))
-            yield f"Type: {known or 'unknown'}"
+            type_names = ", ".join(sorted({f"`{end.type}`" for end in ends if end.type}))
+            yield f"Type: {type_names or 'unknown'}"
             yield "\n".join(f"- {_endpoint(end)}" for end in ends)
 
 
@@ -113,11 +113,11 @@ def _about_requirement(analysis: Analysis, path: Path) -> Iterator[str]:
         yield from _about_sample(metric)
 
 
-def _about_sample(each: KnownMetric) -> Iterator[str]:
-    share = max_wrong_share(each)
+def _about_sample(metric: KnownMetric) -> Iterator[str]:
+    share = max_wrong_share(metric)
     if share is None:
         return
-    needed = min_sample_size(share, each.confidence)
+    needed = min_sample_size(share, metric.confidence)
     if needed is None:
         yield "No number of messages can confirm it."
     else:

@@ -56,7 +56,7 @@ class DisparityNode(node_tools.ReferenceNode):
         if baseline_m <= 0:
             raise ValueError("right/camera_info has no baseline: p[3] must be negative")
         offset_px = float(left_camera[0, 2] - right_camera[0, 2])
-        found = stereo.disparity(
+        disparities = stereo.disparity(
             self._matcher,
             images.gray(images.view(left), left.encoding),
             images.gray(images.view(right), right.encoding),
@@ -68,7 +68,7 @@ class DisparityNode(node_tools.ReferenceNode):
                 header=left.header,
                 image=Image(
                     header=left.header,
-                    data=array("B", found.tobytes()),
+                    data=array("B", disparities.tobytes()),
                     **images.layout("32FC1", left.width, left.height),
                 ),
                 f=float(left_camera[0, 0]),

@@ -122,9 +122,9 @@ def anatomy_notes(anatomy: AnatomySummary) -> Iterator[str]:
     if anatomy.error:
         yield anatomy.error.rstrip(".")
     for monitor, received in anatomy.received.items():
-        known = sum(path.last for path in anatomy.paths if path.monitor == monitor)
-        if known < received:
-            what = f"{received - known:,} of {received:,} messages of {monitor} have no"
+        with_path = sum(path.last for path in anatomy.paths if path.monitor == monitor)
+        if with_path < received:
+            what = f"{received - with_path:,} of {received:,} messages of {monitor} have no"
             if anatomy.only:
                 names = ", ".join(anatomy.only)
                 yield f"{what} known path, because only {names} was to be observed"

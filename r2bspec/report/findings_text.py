@@ -107,12 +107,12 @@ def render_text(
     for diagnostic in diagnostics:
         by_file.setdefault(diagnostic.span.file, []).append(diagnostic)
     blocks = []
-    for file, found in by_file.items():
+    for file, findings in by_file.items():
         order = sorted(
-            range(len(found)), key=lambda place: _SEVERITIES.index(found[place].severity)
+            range(len(findings)), key=lambda place: _SEVERITIES.index(findings[place].severity)
         )
-        shown, hidden = sorted(order[:MAX_SHOWN]), [found[place] for place in order[MAX_SHOWN:]]
-        blocks += [_block(found[place], sources, colour=colour) for place in shown]
+        shown, hidden = sorted(order[:MAX_SHOWN]), [findings[place] for place in order[MAX_SHOWN:]]
+        blocks += [_block(findings[place], sources, colour=colour) for place in shown]
         if hidden:
             blocks.append(_hidden_text(file, hidden))
     return "\n".join(blocks)
@@ -130,29 +130,32 @@ def _hidden_text(file: str, hidden: Sequence[Diagnostic]) -> str:
     )
 
 
-def _block(found: Diagnostic, sources: Mapping[str, str], *, colour: bool) -> str:
+def _block(finding: Diagnostic, sources: Mapping[str, str], *, colour: bool) -> str:
     def paint(text: str, style: str) -> str:
         return f"\x1b[{style}m{text}\x1b[0m" if colour else text
 
     def show(span: Span, style: str) -> list[str]:
-        seen = excerpt(span, sources.get(span.file, ""))
-        if seen is None:
+        source_line = excerpt(span, sources.get(span.file, ""))
+        if source_line is None:
             return []
         number = paint(str(span.line).rjust(width), _QUIET)
-        return [f"{number} {bar} {seen[0]}", f"{margin} {bar} {paint(seen[1], style)}"]
+        return [
+            f"{number} {bar} {source_line[0]}",
+            f"{margin} {bar} {paint(source_line[1], style)}",
+        ]
 
-    width = max(len(str(span.line)) for span in (found.span, *(r.span for r in found.related)))
+    width = max(len(str(span.line)) for span in (finding.span, *(r.span for r in finding.related)))
     margin = " " * width
     bar, equals = paint("|", _QUIET), paint("=", _QUIET)
-    style = _COLOURS[found.severity]
-    label = paint(f"{found.severity.value}[{code_with_slug(found.code)}]", style)
-    lines = [f"{_place(found.span)}: {label}: {paint(printable(found.message), _BOLD)}"]
-    source_line = show(found.span, style)
+    style = _COLOURS[finding.severity]
+    label = paint(f"{finding.severity.value}[{code_with_slug(finding.code)}]", style)
+    lines = [f"{_place(finding.span)}: {label}: {paint(printable(finding.message), _BOLD)}"]
+    source_line = show(finding.span, style)
     if source_line:
         lines += [f"{margin} {bar}", *source_line]
-    if found.help:
-        lines.append(f"{margin} {equals} help: {printable(found.help)}")
-    for related in found.related:
+    if finding.help:
+        lines.append(f"{margin} {equals} help: {printable(finding.help)}")
+    for related in finding.related:
         lines.append(f"{margin} {equals} {_place(related.span)}: {printable(related.message)}")
         lines += show(related.span, _QUIET)
     return "\n".join(lines) + "\n"

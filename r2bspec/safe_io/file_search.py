@@ -32,8 +32,8 @@ def matching_files(pattern: str) -> list[str]:
         for root in (glob.glob(above) if above else [""])  # noqa: PTH207
         for folder, _ in _visible_folders(root)
     )
-    found = (matching_files(os.path.join(glob.escape(folder), below)) for folder in folders)  # noqa: PTH118
-    return sorted({file for files in found for file in files})
+    matches = (matching_files(os.path.join(glob.escape(folder), below)) for folder in folders)  # noqa: PTH118
+    return sorted({file for files in matches for file in files})
 
 
 def files_below(folder: str, name: str) -> list[str]:

@@ -105,20 +105,22 @@ def tune(
             tell(line)
 
         search = Search(space, machine, limits, after_step)
-        found = search.run()
+        search_result = search.run()
         result = replace(
             so_far(),
-            outcome=found.outcome,
-            reason=found.reason,
-            winner=space.changes(found.winner) if found.winner is not None else None,
-            proof=found.proof,
+            outcome=search_result.outcome,
+            reason=search_result.reason,
+            winner=space.changes(search_result.winner)
+            if search_result.winner is not None
+            else None,
+            proof=search_result.proof,
         )
         write_tuning(folder, result)
         write_atomically(folder / PAGE_FILE, to_markdown(tuning_document(result)).encode())
-    if write is not None and result.is_proved and found.winner is not None:
-        plan = machine.prepare(found.winner).plan
+    if write is not None and result.is_proved and search_result.winner is not None:
+        plan = machine.prepare(search_result.winner).plan
         about = f"Values that 'r2bspec tune' has proved. {result.reason}"
-        write_overlay(write, selection, space.changes(found.winner), plan, about)
+        write_overlay(write, selection, space.changes(search_result.winner), plan, about)
     return result
 
 

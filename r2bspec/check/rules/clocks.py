@@ -130,7 +130,7 @@ def _while_playing(clock: str, *, publishes_clock: bool) -> str:
 def _clocks_apart(context: Context) -> dict[str, Duration]:
     """Return how far the clocks of inputs are ahead that are not paired with others in steps."""
     playback = context.spec.playback
-    moving = {name: each for name, each in context.input_times.items() if not each.is_stuck}
+    moving = {name: times for name, times in context.input_times.items() if not times.is_stuck}
     ahead = clocks_ahead(moving, LONGEST_DELAY_NS)
     paired = [
         by

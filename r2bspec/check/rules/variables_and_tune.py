@@ -49,16 +49,16 @@ def tune_value_invalid(context: Context) -> Findings:
             message = f"{quote(name)} {message}"
             yield Finding(message=message, path=("tune", "values", name), key=True, help=help_text)
             continue
-        known = rule_at(path)
+        value_rule = rule_at(path)
         for index, value in enumerate(items_of(entry.value)):
             place: Path = ("tune", "values", name, index)
             if isinstance(value, MapNode):
                 message = f"a map is no value of {quote(name)}"
                 yield Finding(message=message, path=place, help="list values of the keys below it")
-            elif known is not None:
-                _, violations = read_value(value, known, context.loaded.sources, path)
-                for found in explain_violations(violations)[:1]:
-                    yield Finding(message=found.message, path=place, help=found.help)
+            elif value_rule is not None:
+                _, violations = read_value(value, value_rule, context.loaded.sources, path)
+                for problem in explain_violations(violations)[:1]:
+                    yield Finding(message=problem.message, path=place, help=problem.help)
 
 
 def _path_problem(

@@ -62,13 +62,13 @@ def _name_and_version(owner: importlib.metadata.Distribution) -> tuple[str, str]
 def _owners(folder: str) -> Mapping[str, importlib.metadata.Distribution]:
     """Return the distribution of each module, package or folder."""
     owners: dict[str, importlib.metadata.Distribution] = {}
-    for found in importlib.metadata.distributions(path=[folder]):
-        record = found.read_text("RECORD")
-        from_folder = '"file://' in (found.read_text("direct_url.json") or "")
+    for distribution in importlib.metadata.distributions(path=[folder]):
+        record = distribution.read_text("RECORD")
+        from_folder = '"file://' in (distribution.read_text("direct_url.json") or "")
         if from_folder or (record is None and not folder.startswith(_SYSTEM)):
             continue
-        listed = record or found.read_text("top_level.txt") or ""
-        owners |= dict.fromkeys(_FIRST_NAME.findall(listed), found)
+        listed = record or distribution.read_text("top_level.txt") or ""
+        owners |= dict.fromkeys(_FIRST_NAME.findall(listed), distribution)
     return owners
 
 
@@ -81,6 +81,6 @@ def version_changes(packages: Mapping[str, str]) -> Iterator[str]:
 
 
 def _version(name: str) -> str:
-    for found in importlib.metadata.distributions(name=name, path=_folders()):
-        return found.version
+    for distribution in importlib.metadata.distributions(name=name, path=_folders()):
+        return distribution.version
     return package_version(name)

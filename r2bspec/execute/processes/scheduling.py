@@ -128,7 +128,7 @@ def _capability() -> str:
 
 def read_scheduling(pid: int) -> tuple[ThreadSchedulingRecord, ...]:
     """Return the scheduling of the threads of a process and its descendants; equal threads once."""
-    found: Counter[ThreadSchedulingRecord] = Counter()
+    threads: Counter[ThreadSchedulingRecord] = Counter()
     for task, name in _threads(pid):
         with contextlib.suppress(OSError):
             record = ThreadSchedulingRecord(
@@ -138,9 +138,9 @@ def read_scheduling(pid: int) -> tuple[ThreadSchedulingRecord, ...]:
                 nice=os.getpriority(os.PRIO_PROCESS, task),
                 cpus=tuple(sorted(os.sched_getaffinity(task))),
             )
-            found[record] += 1
-    ordered = sorted(found, key=lambda each: (each.thread, each.policy, each.priority))
-    return tuple(msgspec.structs.replace(each, count=found[each]) for each in ordered)
+            threads[record] += 1
+    ordered = sorted(threads, key=lambda record: (record.thread, record.policy, record.priority))
+    return tuple(msgspec.structs.replace(each, count=threads[each]) for each in ordered)
 
 
 def _threads(pid: int) -> list[tuple[int, str]]:
@@ -148,12 +148,12 @@ def _threads(pid: int) -> list[tuple[int, str]]:
 
     Not those that have ended.
     """
-    found = []
+    threads = []
     for task in _tasks(family(pid)):
         with contextlib.suppress(OSError):
             name = (task / "comm").read_text(encoding="utf-8", errors="replace").rstrip()
-            found.append((int(task.name), name))
-    return found
+            threads.append((int(task.name), name))
+    return threads
 
 
 def _tasks(pids: Iterable[int]) -> Iterator[Path]:

@@ -39,11 +39,13 @@ def metric_value(info: MetricInfo, monitor: str | None, samples: SegmentSamples)
     return _value(info, info.metric.read(measured), lost_outputs(info, monitor, samples))
 
 
-def monitor_value(info: MetricInfo, seen: MonitorSamples) -> float | None:
+def monitor_value(info: MetricInfo, samples: MonitorSamples) -> float | None:
     """Return the value of a metric of scope ``monitor`` for one monitor; see `metric_value`."""
-    if not seen.knows(info.metric):
+    if not samples.knows(info.metric):
         return None
-    return _value(info, info.metric.read(seen), seen.missed if info.metric.lost_is_slowest else 0)
+    return _value(
+        info, info.metric.read(samples), samples.missed if info.metric.lost_is_slowest else 0
+    )
 
 
 def _measured(info: MetricInfo, samples: SegmentSamples) -> Any:
@@ -115,12 +117,12 @@ def values_with_lost(
     values, lost = message_values(info, monitor, samples), lost_outputs(info, monitor, samples)
     if not lost:
         return values
-    known = samples.monitors[monitor or info.subject].came
-    if not values.size or np.count_nonzero(known) != values.size:
+    came = samples.monitors[monitor or info.subject].came
+    if not values.size or np.count_nonzero(came) != values.size:
         # Which outputs never came is not known: they are the last ones.
-        known = np.arange(values.size + lost) < values.size
-    whole = np.full(known.size, worst)
-    whole[known] = values
+        came = np.arange(values.size + lost) < values.size
+    whole = np.full(came.size, worst)
+    whole[came] = values
     return whole
 
 

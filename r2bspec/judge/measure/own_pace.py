@@ -83,16 +83,16 @@ def own_period_s(evidence: Sequence[PaceEvidence], overdue: int = 0) -> float | 
         evidence: the evidence of each segment.
         overdue: how many messages of all of them answer earlier segments.
     """
-    known = [period_s for each in evidence if (period_s := each.period_s) is not None]
-    if known:
-        return float(np.median(known)) if 2 * len(known) >= len(evidence) else None
-    if not evidence or any(each.is_enough for each in evidence):
+    periods_s = [period_s for segment in evidence if (period_s := segment.period_s) is not None]
+    if periods_s:
+        return float(np.median(periods_s)) if 2 * len(periods_s) >= len(evidence) else None
+    if not evidence or any(segment.is_enough for segment in evidence):
         return None
     return PaceEvidence(
-        np.concatenate([each.intervals_ns for each in evidence]),
-        unasked=sum(each.unasked for each in evidence) - overdue,
-        least=max(each.least for each in evidence),
-        step_ns=float(np.mean([each.step_ns for each in evidence])),
+        np.concatenate([segment.intervals_ns for segment in evidence]),
+        unasked=sum(segment.unasked for segment in evidence) - overdue,
+        least=max(segment.least for segment in evidence),
+        step_ns=float(np.mean([segment.step_ns for segment in evidence])),
     ).period_s
 
 

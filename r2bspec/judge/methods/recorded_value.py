@@ -40,20 +40,20 @@ from r2bspec.record.run_record import RunRecord
 
 def judge_observation(case: RequirementCase, record: RunRecord) -> Decision:
     """Compare the observed value of all iterations with the limit."""
-    seen = observed_value(case)
-    if seen is None:
+    value = observed_value(case)
+    if value is None:
         return unmeasured(case, record) or undecided(
             f"{case.info.name} has no value in these iterations."
         )
     n = _count_messages(case)
-    is_met = case.is_met(seen)
-    counts = is_met and n > 0 and _bounds_single_messages(case, seen)
+    is_met = case.is_met(value)
+    counts = is_met and n > 0 and _bounds_single_messages(case, value)
     rule = zero_failure_bound(n, case.confidence) if counts else None
     return Decision(
         outcome="pass" if is_met else "fail",
         method="observation",
-        reason=_reason(case, seen, n, rule),
-        estimate=seen,
+        reason=_reason(case, value, n, rule),
+        estimate=value,
         n=n,
         rule_of_three=rule,
     )
@@ -78,16 +78,16 @@ def _count_messages(case: RequirementCase) -> int:
     return len(case.iterations)
 
 
-def _bounds_single_messages(case: RequirementCase, seen: float) -> bool:
+def _bounds_single_messages(case: RequirementCase, value: float) -> bool:
     """Return whether the observation is that no single message broke the bound."""
     info = case.info
     if not info.scope.of_messages:
         return False
-    return info.part in {"min", "max"} or (info.metric.counts_faults and seen == 0)
+    return info.part in {"min", "max"} or (info.metric.counts_faults and value == 0)
 
 
-def _reason(case: RequirementCase, seen: float, n: int, rule: float | None) -> str:
-    what = _observation_text(case, seen, n)
+def _reason(case: RequirementCase, value: float, n: int, rule: float | None) -> str:
+    what = _observation_text(case, value, n)
     if rule is None:
         return f"{what}."
     return (
@@ -96,23 +96,23 @@ def _reason(case: RequirementCase, seen: float, n: int, rule: float | None) -> s
     )
 
 
-def _observation_text(case: RequirementCase, seen: float, n: int) -> str:
+def _observation_text(case: RequirementCase, value: float, n: int) -> str:
     info = case.info
     if info.part in {"min", "max"}:
         extreme = "smallest" if info.part == "min" else "largest"
-        if math.isinf(seen):
+        if math.isinf(value):
             missed = sum(monitor_sample.missed for monitor_sample in case.monitor_samples)
             return f"{show(missed, 'count')} of {show(n, 'count')} outputs never arrived"
         of = f"{show(n, 'count')} {info.metric.noun}"
         if not info.scope.of_messages:
             of = f"{n} iteration{'s' if n > 1 else ''}"
-        return f"The {extreme} in {of} is {show(seen, info.unit)}"
+        return f"The {extreme} in {of} is {show(value, info.unit)}"
     if info.dimension == "count":
         if case.monitor_samples[0].own_pace if case.monitor else case.iterations[0].live:
             count = len(case.iterations)
-            return f"Observed {show(seen, 'count')} in {count} iteration{'s' if count > 1 else ''}"
-        return f"Observed {show(seen, 'count')} in {show(n, 'count')} steps"
-    return f"{info.name} is {show(seen, info.unit)}"
+            return f"Observed {show(value, 'count')} in {count} iteration{'s' if count > 1 else ''}"
+        return f"Observed {show(value, 'count')} in {show(n, 'count')} steps"
+    return f"{info.name} is {show(value, info.unit)}"
 
 
 _ANSWER_TEXTS: Final = {True: "was sustained", False: "was not sustained", None: "was undecided"}
@@ -125,15 +125,15 @@ _REMEDY = (
 
 def judge_sustained(case: RequirementCase, record: RunRecord) -> Decision:
     """Decide ``sustained`` by the last sequential probe of the rate."""
-    found = [
+    probes = [
         probe
         for probe in record.sustained
         if case.at_hz is not None and math.isclose(probe.rate_hz, case.at_hz)
     ]
-    if not found:
+    if not probes:
         where = f" at {show(case.at_hz, 'Hz')}" if case.at_hz is not None else ""
         return undecided(f"This run has no probe{where}.", "Run the spec of this objective.")
-    probe = found[-1]
+    probe = probes[-1]
     said = f": {probe.reason}" if probe.reason else ""
     throughput = f"throughput {show(probe.delivered_hz, 'Hz')}"
     return Decision(

@@ -34,9 +34,9 @@ def mean_decides(distance: float, half: float, m: int, confidence: float) -> Dec
         m: at least 2.
         confidence: the confidence of each bound.
     """
-    known = t_quantile(m - 1, confidence)
+    quantile = t_quantile(m - 1, confidence)
     return lambda more: (
-        half * t_quantile(more - 1, confidence) / known * math.sqrt(m / more) < distance
+        half * t_quantile(more - 1, confidence) / quantile * math.sqrt(m / more) < distance
     )
 
 
@@ -61,8 +61,8 @@ def share_decides(bad: float, n: float, allowed: float, m: int, confidence: floa
 def more_pieces(m: int, *decides: Decides) -> int | None:
     """Return how many pieces have to be added to m; None if more are needed than proposed."""
     enough = (more for more in range(m + 1, MAX_PIECES + 1) if all(test(more) for test in decides))
-    found = next(enough, None)
-    return found - m if found is not None else None
+    pieces = next(enough, None)
+    return pieces - m if pieces is not None else None
 
 
 def advice(more: int, pieces: str) -> str:

@@ -63,8 +63,8 @@ def has_node(template: str) -> bool:
 def with_node(template: str, target: str = "") -> str:
     """Return a template with `target` as its node under test, under a key derived from it."""
 
-    def named(found: re.Match[str]) -> str:
-        written = target or found["target"]
+    def named(match: re.Match[str]) -> str:
+        written = target or match["target"]
         quoted = f'"{written}"' if ":" in written else written
         return f"    {node_key(written)}:\n      python: {quoted}\n"
 

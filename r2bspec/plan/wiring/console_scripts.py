@@ -50,8 +50,8 @@ def source_script(folder: Path, package: str, executable: str) -> tuple[Path, st
     """
     for place in _folders(folder):
         manifest = _text(place, "package.xml")
-        found = _NAME.search(manifest)
-        if found is None or found[1] != package:
+        match = _NAME.search(manifest)
+        if match is None or match[1] != package:
             continue
         for line in _script_lines(place, package):
             entry = _ENTRY.match(line)
@@ -64,8 +64,8 @@ def source_script(folder: Path, package: str, executable: str) -> tuple[Path, st
 def _folders(top: Path) -> Iterator[Path]:
     """Yield the folders below one that may hold packages, in order, the nearest first."""
     waiting = [(top, 0)]
-    for seen, (folder, depth) in enumerate(waiting):
-        if seen > _MAX_FOLDERS:
+    for visited, (folder, depth) in enumerate(waiting):
+        if visited > _MAX_FOLDERS:
             return
         yield folder
         if depth < _MAX_DEPTH:
@@ -119,7 +119,7 @@ def _lines_of_setup(text: str, package: str) -> Iterator[str]:
         if isinstance(node, ast.Dict):
             for key, value in zip(node.keys, node.values, strict=True):
                 if isinstance(key, ast.Constant) and key.value == _SCRIPTS:
-                    yield from (_line(each, package) for each in getattr(value, "elts", ()))
+                    yield from (_line(element, package) for element in getattr(value, "elts", ()))
 
 
 def _line(node: ast.expr, package: str, depth: int = 0) -> str:

@@ -44,11 +44,11 @@ def trend_chart(
         title: the title of the chart.
         labels: a few words for each change of the metric.
     """
-    known = [value for value in metric.values if value is not None]
-    unit = show(max(map(abs, known)), metric.unit).partition(" ")[2]
+    values = [value for value in metric.values if value is not None]
+    unit = show(max(map(abs, values)), metric.unit).partition(" ")[2]
     scale = unit_scale(metric.unit, unit)
-    low, high = min(known) / scale, max(known) / scale
-    most = max(map(abs, known)) / scale
+    low, high = min(values) / scale, max(values) / scale
+    most = max(map(abs, values)) / scale
     # Where all are the same but for rounding, room around the value.
     spread = next(one for one in (high - low, most, 1.0) if one > max(1e-9 * most, 1e-99))
     low, high = max(low - spread / 4, min(low, 0.0)), high + spread / 4
