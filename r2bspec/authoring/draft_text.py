@@ -73,8 +73,8 @@ def _data_loader(draft: Draft, recording: DraftRecording) -> Block:
         end_of = {} if used.end_ns is None else {"end": str(Duration(used.end_ns))}
         block.add("window", {"start": str(Duration(used.start_ns)), **end_of}, above)
     topics = Block()
-    for topic in dict.fromkeys(draft.inputs.values()):
-        topics.add(f"/{topic.name.lstrip('/')}", _loaded(topic), after=_described(topic))
+    for info in dict.fromkeys(draft.inputs.values()):
+        topics.add(f"/{info.name.lstrip('/')}", _loaded(info), after=_described(info))
     loaded = {input_.name for input_ in draft.inputs.values()}
     loaded |= {name for topic in draft.transforms for name in (topic, topic.lstrip("/"))}
     others = [topic for topic in recording.index.topics.values() if topic.name not in loaded]

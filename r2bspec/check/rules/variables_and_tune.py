@@ -57,8 +57,8 @@ def tune_value_invalid(context: Context) -> Findings:
                 yield Finding(message=message, path=place, help="list values of the keys below it")
             elif value_rule is not None:
                 _, violations = read_value(value, value_rule, context.loaded.sources, path)
-                for problem in explain_violations(violations)[:1]:
-                    yield Finding(message=problem.message, path=place, help=problem.help)
+                for explained in explain_violations(violations)[:1]:
+                    yield Finding(message=explained.message, path=place, help=explained.help)
 
 
 def _path_problem(
