@@ -397,7 +397,8 @@ def _load_rows(rates: Sequence[RateMetrics], columns: Sequence[MetricInfo]) -> I
 
 
 def _use_cell(info: MetricInfo, value: float | None, index: int) -> Cell:
-    path = f"metrics/rates/{index}/pooled/{info.place}"
+    escaped = replace(info, subject=pointer(info.subject))
+    path = f"metrics/rates/{index}/pooled/{escaped.place}"
     if value is None:
         return Cell("")
     return _share_cell(value, path) if info.unit == "share" else number(value, info.unit, path)
