@@ -12,12 +12,12 @@ import pkgutil
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import r2bspec
 
-FIXED = ("PYTHON", "LD_")
+FIXED = ("PYTHONPATH", "LD_PRELOAD")
 """Variables that an interpreter reads when it begins: with others, a program cannot be forked."""
 
 _server = multiprocessing.get_context("forkserver")
@@ -33,11 +33,11 @@ _server.set_forkserver_preload(
 )
 
 
-def _fixed(environment: Mapping[str, str]) -> dict[str, str]:
-    return {name: value for name, value in environment.items() if name.startswith(FIXED)}
+def _fixed() -> list[str]:
+    return [os.environ.get(name, "") for name in FIXED]
 
 
-_AT_START = _fixed(os.environ)
+_AT_START = _fixed()
 
 
 class ForkedProgram:
@@ -94,7 +94,7 @@ def start(arguments: Sequence[str], folder: Path, output: tuple[Path, Path]) -> 
     """
     for path in output:
         path.touch()
-    if _fixed(os.environ) == _AT_START:
+    if _fixed() == _AT_START:
         return ForkedProgram(arguments, folder, output)
     return start_anew([sys.executable, "-m", "r2bspec", *arguments], folder, output)
 
