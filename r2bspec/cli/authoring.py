@@ -226,12 +226,12 @@ def _benchmark_name(name: str) -> str:
     from r2bspec.language.names import NAME
 
     if not re.search(NAME.pattern, name):
-        better = re.sub(r"[^a-zA-Z0-9_]+", "_", name).strip("_")
-        hint = (
-            f"{NAME.message}; for example {better}"
-            if re.search(NAME.pattern, better)
-            else NAME.message
-        )
+        better = re.sub(r"[^a-zA-Z0-9_]+", "_", name.removesuffix(".py")).strip("_")
+        hint = NAME.message
+        if re.search(NAME.pattern, better):
+            hint += f"; for example {better}"
+        if name.endswith(".py"):
+            hint += "; for a spec of its node: --node ./FILE.py:CLASS"
         raise UsageError(f"{name!r} is not a valid name of a benchmark", hint=hint)
     return name
 

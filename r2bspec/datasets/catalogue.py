@@ -207,7 +207,7 @@ def locate(bag: str, base_dir: Path) -> recording.BagLocation:
         raise recording.DataError(
             f"{path} does not exist",
             code="R2B301",
-            hint=near_path(bag, base_dir)
+            hint=near_path(_expanded(bag), base_dir)
             or f"paths are relative to {base_dir}; a dataset name has no '/'",
         )
     return locate_dataset(bag)

@@ -46,6 +46,7 @@ FAMILIES = {
     "5": "Rates and requirements",
     "6": "Files, this machine, and the run",
     "7": "Scripts and launch files",
+    "8": "Tuning",
 }
 """The family of a code, by its first digit."""
 

@@ -22,7 +22,7 @@ from r2bspec.language.comparison_grammar import ComparisonError, Requirement
 from r2bspec.language.declaration import ValueRule, language, rule_at
 from r2bspec.language.document import MAX_PROBLEMS, inner_span
 from r2bspec.language.located_tree import MapNode, ScalarNode, entries_of
-from r2bspec.language.quantities import Quantity, QuantityError, Share
+from r2bspec.language.quantities import Quantity, QuantityError, Rate
 from r2bspec.language.structure import Violation
 from r2bspec.language.yaml_document import parse_unquoted
 
@@ -356,8 +356,8 @@ def _invalid_quantity_or_requirement(violation: Violation) -> Diagnostic:
 def _missing_unit(violation: Violation, number: str, kind: type[Quantity]) -> Diagnostic:
     message = f"{violation.name}: {number} has no unit; {kind.units_text()}"
     text = f"{number} {next(iter(kind.units))}"
-    # 0.02 may mean 2 %, so there is no safe repair of a share.
-    if kind is Share:
+    # Only a rate has one unit that is usual: 0.02 may mean 2 %, and 2500 milliseconds.
+    if kind is not Rate:
         return violation.error("R2B109", message, f"write {text} if you mean that")
     return violation.error("R2B109", message, f"write {text}", repair=text)
 

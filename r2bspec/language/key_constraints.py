@@ -16,7 +16,7 @@ from r2bspec.diagnostics.quote import join_words, unknown_name_help
 from r2bspec.language import located_tree as tree
 from r2bspec.language.node_kinds import NODE_KIND_KEYS, NODE_KINDS, kinds_text
 from r2bspec.language.quantities import QuantityError, Rate, Share
-from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK, MAX_DROPOUT
+from r2bspec.language.spec_benchmark import ACCEPTED, FEEDBACK, MAX_DROPOUT, Benchmark
 from r2bspec.language.spec_graph import PROCESS_KEYS
 from r2bspec.safe_io.limits import MAX_RANGE_RATES
 
@@ -351,7 +351,8 @@ def _network(document: _Document) -> Iterator[Diagnostic]:
 
 def _benchmark(document: _Document) -> Iterator[Diagnostic]:
     path: Path = ("benchmark", "max_iterations")
-    iterations, most = document.number(("benchmark", "iterations"), 10), document.number(path, 0)
+    iterations = document.number(("benchmark", "iterations"), Benchmark().iterations)
+    most = document.number(path, 0)
     if iterations is not None and most and most < iterations:
         message = f"'benchmark.max_iterations' ({most}) is less than 'iterations' ({iterations})"
         yield document.error(path, message, f"use at least {iterations}")

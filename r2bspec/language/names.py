@@ -72,7 +72,7 @@ ACTION_TYPE = _interface("action type", "action", "nav2_msgs/action/ComputePathT
 PYTHON_NODE = NamePattern(
     r"^(?:[A-Za-z_][A-Za-z0-9_]*(?:\.[A-Za-z_][A-Za-z0-9_]*)+|[^:]+\.py:[A-Za-z_][A-Za-z0-9_]*)$",
     "Python node",
-    "a Python node has the form module.Class, or ./file.py:Class relative to this file",
+    "a Python node has the form module.Class, or ./file.py:Class",
 )
 PLUGIN = NamePattern(
     r"^[A-Za-z_][A-Za-z0-9_]*(?:::[A-Za-z_][A-Za-z0-9_]*)*$",

@@ -104,7 +104,7 @@ def _missing_dash(
             "R2B014",
             "expected another item of the list above",
             began,
-            f"begin the line with '- ': '- {clip(source.line(began.line).strip())}'",
+            f"begin the line with '- ': '- {clip(source.line(began.line).strip().lstrip('-'))}'",
         )
     expected = ("did not find expected '-'", "expected <block end>")
     if not problem.startswith(expected) or "collection" not in context:

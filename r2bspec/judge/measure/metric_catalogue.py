@@ -241,8 +241,9 @@ _OTHER_NAMES: Final = {
     **dict.fromkeys(("fps", "hz", "rate", "frequency", "output_rate"), "throughput.mean"),
     **dict.fromkeys(("delay", "response_time"), "latency.p99"),
     **dict.fromkeys(("loss", "lost", "dropped", "drops"), "drop_rate"),
-    "cpu": "cpu.graph.mean",
-    **dict.fromkeys(("memory", "ram", "rss"), "memory.graph.max"),
+    **dict.fromkeys(("cpu", "cpu_usage", "cpu_load"), "cpu.graph.mean"),
+    "max_latency": "latency.max",
+    **dict.fromkeys(("memory", "memory_usage", "ram", "rss"), "memory.graph.max"),
 }
 _OTHER_PARTS: Final = {"avg": "mean", "average": "mean", "median": "p50"}
 """Words of other tools, and the words for them here."""

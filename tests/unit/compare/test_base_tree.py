@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -198,14 +199,18 @@ def test_submodules_are_named(top: Path, tmp_path: Path) -> None:
         assert tree.notes == ("Submodules are not in the base: vendored.",)
 
 
-def test_what_a_killed_process_left_is_removed_by_the_next(top: Path, temporary: Path) -> None:
+def test_what_a_killed_process_left_is_removed_after_a_week(top: Path, temporary: Path) -> None:
     script = (
         "import os; from r2bspec.compare.base_tree import open_base_tree\n"
         "with open_base_tree('HEAD'):\n    os.kill(os.getpid(), 9)\n"
     )
     environment = {**os.environ, "TMPDIR": str(temporary)}
     subprocess.run([sys.executable, "-c", script], env=environment, check=False)
-    assert len(list(temporary.iterdir())) == 1
+    (left,) = temporary.iterdir()
+    with open_base_tree("HEAD"):
+        assert left.exists(), "another process may use it"
+    week_ago = time.time() - 8 * 24 * 3600
+    os.utime(left, (week_ago, week_ago))
     with open_base_tree("HEAD") as first:
         assert list(temporary.iterdir()) == [first.top.parent]
         with open_base_tree("HEAD") as second:

@@ -54,7 +54,7 @@ def test_the_spec_is_not_replaced_by_its_plan(tmp_path: Path, call: Call) -> Non
     spec.write_text(RELAY.read_text())
     (link := tmp_path / "link").symlink_to(spec)
     before = spec.read_bytes()
-    assert "is read" in call("plan", spec, "-o", link, status=2).err
+    assert "is an input" in call("plan", spec, "-o", link, status=2).err
     assert spec.read_bytes() == before
 
 
