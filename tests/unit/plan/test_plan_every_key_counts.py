@@ -106,18 +106,20 @@ def test_the_compiler_reads_every_key_of_the_language() -> None:
 
 def fields_of_whole_structs() -> set[str]:
     """The keys of structs of the language that a plan holds as they are, is itself, or inherits."""
-    own = [hint for struct in structs(plan) for hint in inspect.get_annotations(struct).values()]
     inherited = [
-        hint
+        record
         for record in structs(*LANGUAGE)
-        if any(issubclass(struct, record) for struct in structs(plan) if struct is not plan.Plan)
-        for hint in inspect.get_annotations(record).values()
+        if any(issubclass(struct, record) for struct in structs(plan))
     ]
-    hints = [str(hint) for hint in (*own, *inherited)]
+    hints = " ".join(
+        str(hint)
+        for record in (*structs(plan), *inherited)
+        for hint in inspect.get_annotations(record).values()
+    )
     return {
         name
         for record in structs(*LANGUAGE)
-        if issubclass(plan.Plan, record) or any(record.__name__ in hint for hint in hints)
+        if record in inherited or re.search(rf"\b{record.__name__}\b", hints)
         for name in record.__struct_fields__
     }
 
