@@ -12,8 +12,9 @@ import msgspec
 import pytest
 
 from r2bspec.language import spec, spec_benchmark, spec_graph
+from r2bspec.language.node_kinds import NODE_KINDS
 from r2bspec.language.quantities import Duration
-from r2bspec.plan import plan
+from r2bspec.plan import command_lines, plan
 from r2bspec.plan.comparability import (
     change_of,
     difference_lines,
@@ -102,6 +103,11 @@ def test_the_compiler_reads_every_key_of_the_language() -> None:
         if struct.__name__ not in EVALUATED_WHILE_LOADING and name not in read
     }
     assert unread <= NOT_IN_PLAN.keys()
+
+
+def test_each_kind_of_node_that_is_started_has_a_command_line() -> None:
+    started = {kind.name for kind in NODE_KINDS if kind.role}
+    assert command_lines._ARGV.keys() == started
 
 
 def fields_of_whole_structs() -> set[str]:
