@@ -22,6 +22,7 @@ import msgspec
 from r2bspec.diagnostics import Diagnostic, Severity, Span
 from r2bspec.errors import R2bspecError
 from r2bspec.report.output import echo
+from r2bspec.safe_io.file_search import path_hint
 from r2bspec.safe_io.limits import MAX_PYTHON_BYTES
 from r2bspec.safe_io.private_files import temporary_folder
 from r2bspec.safe_io.safe_file import is_regular
@@ -221,7 +222,7 @@ def record(
     """
     place = (str(file), 1)
     if not is_regular(file):
-        raise UnusableFileError("there is no such file", place)
+        raise UnusableFileError(f"there is no such file; {path_hint(file)}", place)
     if file.stat().st_size > MAX_PYTHON_BYTES:
         raise UnusableFileError(f"it has more than {MAX_PYTHON_BYTES:,} bytes", place)
     what = "benchmark" if kind == "script" else "nodes"
