@@ -223,7 +223,8 @@ def test_what_is_shown_of_the_peak_is_what_was_proved(done: Finished) -> None:
     if search.proof == "open":
         assert "no rate was confirmed" in done.words
     if search.proof == "confirmed":
-        (last,) = [
+        # At the end of the search it is played once more.
+        *_, last = [
             probe for probe in search.probes if probe.holds and probe.purpose == "confirmation"
         ]
         assert last.rate_hz == search.holds_hz
