@@ -129,11 +129,12 @@ class Runs(Generic[Entry]):
 
     def estimate(self, entry: Entry) -> TimeEstimate:
         """Return how long an entry will take."""
-        from r2bspec.compare.interleaved_comparison import estimate_comparison
         from r2bspec.plan.time_estimate import estimate_time
 
         if not self.options.compares:
             return estimate_time(entry.benchmark.plan)
+
+        from r2bspec.compare.interleaved_comparison import estimate_comparison
 
         return estimate_comparison(entry.benchmark.plan, self.options.pairs)
 

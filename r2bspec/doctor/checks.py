@@ -90,15 +90,13 @@ def _cores(system: System) -> CheckResult:
 def _governor(system: System) -> CheckResult:
     files = (system.sys / "devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
     governors = sorted({text for file in files if (text := read_text(file))})
-    requirement_text = ", ".join(governors) or "unknown (usual for virtual machines)"
+    text = ", ".join(governors) or "unknown (usual for virtual machines)"
     advice = (
         "at low rates, latencies include the wake-up of the cores: "
         "sudo cpupower frequency-set -g performance"
     )
     saving = bool(governors) and governors != ["performance"]
-    return advised(
-        _PROCESSOR, "governor", requirement_text, advice if saving else "", {"governors": governors}
-    )
+    return advised(_PROCESSOR, "governor", text, advice if saving else "", {"governors": governors})
 
 
 def _load(system: System, sleep: Callable[[float], object]) -> list[CheckResult]:
@@ -405,5 +403,5 @@ def check_native(system: System) -> list[CheckResult]:
         problem = str(error).splitlines()[0]
         return [CheckResult(_NATIVE, "build", "problem", problem, error.hint)]
     # A program that is not kept has no path, and is known by its descriptor.
-    problem = str(program.resolve())
-    return [advised(_NATIVE, "build", problem, "", {"program": problem})]
+    path = str(program.resolve())
+    return [advised(_NATIVE, "build", path, "", {"program": path})]

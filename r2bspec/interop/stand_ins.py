@@ -376,7 +376,7 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
     @staticmethod
     def _own(name: str) -> Path | None:
-        """Return the file of a module of the project: beside a file, or in a package above it."""
+        """Return the file of a module that lies beside another file, or in a package above that."""
         parts = name.split(".")
         for folder in RECORDING.folders:
             for above in (folder, folder / parts[0]):

@@ -51,7 +51,7 @@ class CompletionProposal:
         insert: what is inserted instead of the label; the lines after the first one are relative
             to the indentation of the first.
         is_snippet: whether `insert` has placeholders.
-        order: lower ones are shown first.
+        order: proposals with lower numbers are shown first.
     """
 
     label: str

@@ -101,11 +101,6 @@ class Segment(msgspec.Struct, frozen=True, kw_only=True):
     arrivals: ArrivalKind | msgspec.UnsetType = msgspec.UNSET
 
     @property
-    def has_period(self) -> bool:
-        """Whether its steps came at equal intervals."""
-        return bool(self.rate_hz) and self.arrivals is msgspec.UNSET
-
-    @property
     def length_s(self) -> float:
         """The length of the sending window in seconds."""
         return (self.ended_ns - self.began_ns) / 1e9

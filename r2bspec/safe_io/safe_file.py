@@ -89,7 +89,7 @@ def open_regular(path: Path, *, folders: Iterable[Path] | None = None) -> Binary
         OSError: the system refuses.
     """
     try:
-        # Without O_NONBLOCK, it would wait for somebody who writes into a pipe.
+        # Without O_NONBLOCK, opening a pipe waits until another process opens it for writing.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
     except ValueError:
         raise RefusedFileError("its name contains a NUL character") from None

@@ -151,7 +151,7 @@ def _largest(counters: _Counters, paths: list[Path]) -> float:
 class Members:
     """The processes of a run: each belongs to the process of the plan that it descends from.
 
-    A process belongs to the leader of its session, or else to whom its parent belongs. One that
+    A process belongs to the process that leads its session, or else to that of its parent. One that
     only has the id of the run in its environment belongs to no process that is known.
     """
 

@@ -564,7 +564,7 @@ class StartSequence:
         return self._next(plan, confirms=False).bring_up()
 
     def _next(self, plan: Plan, *, confirms: bool) -> Start:
-        """End the current start, if there is one, and return the next, of which no process runs."""
+        """End the current start, if any, and return the next start, of which nothing runs yet."""
         before = self.starts[-1] if self.starts else None
         if before is not None:
             # Detect a process that exited after the last message, which also fails the run.

@@ -57,7 +57,7 @@ class Axis:
     """An axis.
 
     Attributes:
-        title: beside it; empty for none.
+        title: the text beside the axis; empty for none.
         unit: the unit of its values, for the script.
         low: the value at its left or lower end.
         high: the value at the other end.
@@ -157,7 +157,7 @@ class Band:
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """Words beside a point, inside the axes; `above` it where both sides are possible."""
+    """A text beside a point, within the axes: above it if `above`, unless that does not fit."""
 
     text: str
     x: float

@@ -277,7 +277,7 @@ def thin_indices(values: StepLatencies, max_points: int) -> NDArray[np.int64]:
 
 
 def missed_runs(missed: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return runs of missed steps, from the first to behind the last; near ones of many joined."""
+    """Return the runs of missed steps as half-open ranges; of many runs, neighbours are joined."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], missed, [False])).astype(np.int8)))
     runs = [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
     gap = 0
